@@ -1,0 +1,14 @@
+//! Bytes to values and back, one file per format.
+//!
+//! Readers take bytes or a `Read`, writers a `Write`; paths live in [`crate::layout`]. Every
+//! reader answers bad input with one [`crate::FormatError`] and never allocates more than a small
+//! multiple of the bytes that are really there.
+
+pub mod cam;
+pub mod crop;
+pub mod image;
+pub mod log;
+pub mod pair;
+pub mod pfm;
+pub mod ply;
+pub mod transform;

@@ -1,0 +1,1 @@
+//! Options: defaults, preset, file, flags, in rising precedence.

@@ -1,0 +1,52 @@
+//! Errors of the pipeline: one sentence each; the command line turns them into exit code 2.
+
+use std::path::{Path, PathBuf};
+
+/// Why a stage or a job could not be done.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An input could not be read, or an output not written.
+    #[error(transparent)]
+    Dataset(#[from] mvs_datasets::Error),
+    /// A number could not be computed from what was given.
+    #[error(transparent)]
+    Metric(#[from] mvs_metrics::Error),
+    /// Values that do not fit together, or an option out of its range.
+    #[error("{what}: {problem}")]
+    Invalid {
+        /// What the problem is with: an option, a view, a pair of inputs.
+        what: String,
+        /// Expected, found, what to do.
+        problem: String,
+    },
+    /// An output is there already.
+    #[error("{}: already exists; give --force to replace it", path.display())]
+    Exists {
+        /// The existing file or folder.
+        path: PathBuf,
+    },
+    /// The user interrupted the work.
+    #[error("interrupted; what was finished is kept")]
+    Interrupted,
+}
+
+/// The result of everything in this crate that can fail.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl Error {
+    /// An [`Error::Invalid`].
+    pub fn invalid(what: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Invalid {
+            what: what.into(),
+            problem: problem.into(),
+        }
+    }
+
+    /// An [`Error::Exists`].
+    pub fn exists(path: impl AsRef<Path>) -> Self {
+        Self::Exists {
+            path: path.as_ref().to_path_buf(),
+        }
+    }
+}

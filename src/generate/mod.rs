@@ -1,0 +1,1 @@
+//! Mesh + cameras + photographs → a BlendedMVS scene.

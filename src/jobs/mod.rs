@@ -1,0 +1,1 @@
+//! One file per command: files in, one stage, files out.

@@ -1,0 +1,21 @@
+//! Benchmark and evaluation suite for multi-view-stereo point clouds.
+//!
+//! mesh + cameras + photographs → [`generate`] → a BlendedMVS data set → [`fuse`] → a cloud →
+//! [`score`] → records → [`report`]. Each stage is a plain function of values; [`jobs`] has one file
+//! per command that reads files, calls a stage and writes files. See `ARCHITECTURE.md`.
+
+pub mod blend;
+pub mod config;
+pub mod error;
+pub mod fuse;
+pub mod generate;
+pub mod jobs;
+pub mod parallel;
+pub mod progress;
+pub mod provenance;
+pub mod render;
+pub mod report;
+pub mod score;
+pub mod warning;
+
+pub use error::{Error, Result};

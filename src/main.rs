@@ -1,0 +1,3 @@
+//! The `mvs-eval` command.
+
+fn main() {}

@@ -1,0 +1,66 @@
+//! The pipeline's only user of rayon: indexed maps whose results do not depend on threads.
+
+use crate::error::{Error, Result};
+use rayon::prelude::*;
+
+/// Runs `work` with at most `threads` threads; 0 stands for all that the machine offers.
+pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|error| Error::invalid("--threads", error.to_string()))?;
+    Ok(pool.install(work))
+}
+
+/// `f(0), f(1), … f(count − 1)` in order, computed in parallel.
+pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    (0..count).into_par_iter().map(f).collect()
+}
+
+/// As [`map`]; the error of the smallest index among those that failed.
+pub fn try_map<T: Send>(count: usize, f: impl Fn(usize) -> Result<T> + Sync) -> Result<Vec<T>> {
+    map(count, f).into_iter().collect()
+}
+
+/// Calls `f(index, chunk)` for every chunk of `size` values, in parallel.
+pub fn for_each_chunk<T: Send>(
+    values: &mut [T],
+    size: usize,
+    f: impl Fn(usize, &mut [T]) + Sync + Send,
+) {
+    values
+        .par_chunks_mut(size.max(1))
+        .enumerate()
+        .for_each(|(index, chunk)| f(index, chunk));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_stand_in_order_at_any_thread_count() {
+        for threads in [1, 2, 8] {
+            let squares = with_threads(threads, || map(1000, |index| index * index)).unwrap();
+            assert!(
+                squares
+                    .iter()
+                    .enumerate()
+                    .all(|(index, &square)| square == index * index)
+            );
+        }
+    }
+
+    #[test]
+    fn the_first_error_by_index_wins() {
+        let failing = |index: usize| {
+            if index % 10 == 7 {
+                Err(Error::invalid("index", index.to_string()))
+            } else {
+                Ok(index)
+            }
+        };
+        assert_eq!(try_map(100, failing).unwrap_err().to_string(), "index: 7");
+        assert_eq!(try_map(7, failing).unwrap(), [0, 1, 2, 3, 4, 5, 6]);
+    }
+}

@@ -1,0 +1,1 @@
+//! Truth + reconstruction → scores, one file per protocol.
