@@ -13,12 +13,15 @@ pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) ->
 }
 
 /// `f(0), f(1), … f(count − 1)` in order, computed in parallel.
-pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..count).into_par_iter().map(f).collect()
 }
 
 /// As [`map`]; the error of the smallest index among those that failed.
-pub fn try_map<T: Send>(count: usize, f: impl Fn(usize) -> Result<T> + Sync) -> Result<Vec<T>> {
+pub fn try_map<T: Send>(
+    count: usize,
+    f: impl Fn(usize) -> Result<T> + Sync + Send,
+) -> Result<Vec<T>> {
     map(count, f).into_iter().collect()
 }
 
