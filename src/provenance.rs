@@ -1,1 +1,119 @@
-//! Who made a result, from what and how.
+//! Who made a result, from what and how: `run.toml` beside every result, which replays it.
+
+use crate::error::{Error, Result};
+use mvs_datasets::layout::files;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// This program's version.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// The revision of the sources it was built from, or `unknown`.
+pub const REVISION: &str = env!("MVS_EVAL_REVISION");
+
+/// A run of one command: enough to do it again and to see whether its inputs have changed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Run {
+    /// The command's name.
+    pub command: String,
+    /// Version of the tool that ran it.
+    pub version: String,
+    /// Revision of the tool's sources.
+    pub revision: String,
+    /// The command's options, all of them, defaults included.
+    pub options: toml::Table,
+    /// BLAKE3 of each input, by the path it was given as.
+    #[serde(default)]
+    pub inputs: BTreeMap<String, String>,
+}
+
+impl Run {
+    /// The run of `command` with these resolved options on these inputs, which are hashed.
+    pub fn new(command: &str, options: &impl Serialize, inputs: &[&Path]) -> Result<Self> {
+        let options = toml::Table::try_from(options)
+            .map_err(|error| Error::invalid("run.toml", error.to_string()))?;
+        let inputs = inputs
+            .iter()
+            .map(|&path| Ok((path.display().to_string(), hash_path(path)?)))
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            command: command.to_owned(),
+            version: VERSION.to_owned(),
+            revision: REVISION.to_owned(),
+            options,
+            inputs,
+        })
+    }
+
+    /// Reads a `run.toml`.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = files::read_text(path)?;
+        toml::from_str(&text).map_err(|error| {
+            let problem = error.to_string().trim().replace('\n', " ");
+            Error::invalid(path.display().to_string(), problem)
+        })
+    }
+
+    /// Writes a `run.toml`.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text =
+            toml::to_string(self).map_err(|error| Error::invalid("run.toml", error.to_string()))?;
+        files::write_atomically(path, |out| {
+            writeln!(
+                out,
+                "# Made by mvs-eval. To do it again: mvs-eval replay run.toml --out NEW"
+            )?;
+            out.write_all(text.as_bytes())
+        })?;
+        Ok(())
+    }
+
+    /// The inputs whose content is no longer what it was, or that are gone.
+    pub fn changed_inputs(&self) -> Vec<String> {
+        let unchanged = |(path, hash): &(&String, &String)| {
+            hash_path(Path::new(path)).is_ok_and(|now| now == **hash)
+        };
+        let changed = self.inputs.iter().filter(|input| !unchanged(input));
+        changed.map(|(path, _)| path.clone()).collect()
+    }
+}
+
+/// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.
+pub fn hash_path(path: &Path) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    if !path.is_dir() {
+        hasher
+            .update_mmap(path)
+            .map_err(mvs_datasets::Error::io(path, "read"))?;
+        return Ok(hasher.finalize().to_hex().to_string());
+    }
+    for entry in sorted_entries(path)? {
+        let name = entry
+            .strip_prefix(path)
+            .unwrap_or(&entry)
+            .to_string_lossy()
+            .into_owned();
+        hasher
+            .update(name.as_bytes())
+            .update(&[0])
+            .update(hash_path(&entry)?.as_bytes());
+    }
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// Everything in `folder`, by name.
+fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).map_err(mvs_datasets::Error::io(folder, "read"))?;
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(
+            entry
+                .map_err(mvs_datasets::Error::io(folder, "read"))?
+                .path(),
+        );
+    }
+    paths.sort();
+    Ok(paths)
+}

@@ -1,1 +1,118 @@
-//! Options: defaults, preset, file, flags, in rising precedence.
+//! Options: defaults < preset < file < flags, each a layer that overrides the one before.
+
+mod size;
+
+pub use size::Size;
+
+use crate::error::{Error, Result};
+use crate::provenance::Run;
+use mvs_datasets::layout::files;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Options from layers, the later ones overriding the earlier ones key by key. What no layer says
+/// is the default; a key that the options do not have is an error.
+pub fn resolve<T: DeserializeOwned>(layers: impl IntoIterator<Item = Table>) -> Result<T> {
+    let mut merged = Table::new();
+    for layer in layers {
+        merge(&mut merged, layer);
+    }
+    merged.try_into().map_err(|error: toml::de::Error| {
+        Error::invalid("options", error.to_string().trim().replace('\n', " "))
+    })
+}
+
+/// The layer that says what `flags` says; absent options are left out.
+pub fn layer_of(flags: &impl Serialize) -> Result<Table> {
+    Table::try_from(flags).map_err(|error| Error::invalid("options", error.to_string()))
+}
+
+/// The layer in a file: the options of a `run.toml` of the same command, or bare options.
+pub fn read_layer(path: &Path, command: &str) -> Result<Table> {
+    let text = files::read_text(path)?;
+    let table: Table = toml::from_str(&text).map_err(|error| {
+        let problem = error.to_string().trim().replace('\n', " ");
+        Error::invalid(path.display().to_string(), problem)
+    })?;
+    if !table.contains_key("options") {
+        return Ok(table);
+    }
+    let run = Run::read(path)?;
+    if run.command != command {
+        let problem = format!(
+            "expected options of `{command}`, found a run of `{}`",
+            run.command
+        );
+        return Err(Error::invalid(path.display().to_string(), problem));
+    }
+    Ok(run.options)
+}
+
+/// Overrides `base` with `over`, table by table.
+fn merge(base: &mut Table, over: Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Inner {
+        a: u32,
+        b: u32,
+    }
+
+    impl Default for Inner {
+        fn default() -> Self {
+            Self { a: 1, b: 2 }
+        }
+    }
+
+    #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Outer {
+        name: String,
+        inner: Inner,
+    }
+
+    fn table(text: &str) -> Table {
+        toml::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn later_layers_override_key_by_key() {
+        let layers = [
+            table("name = 'x'\ninner.a = 5\ninner.b = 6"),
+            table("inner.b = 7"),
+        ];
+        let outer: Outer = resolve(layers).unwrap();
+        assert_eq!(
+            outer,
+            Outer {
+                name: "x".into(),
+                inner: Inner { a: 5, b: 7 }
+            }
+        );
+        assert_eq!(resolve::<Outer>([]).unwrap().inner, Inner { a: 1, b: 2 });
+    }
+
+    #[test]
+    fn unknown_keys_are_named() {
+        let error = resolve::<Outer>([table("inner.c = 1")])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("unknown field `c`"), "{error}");
+    }
+}

@@ -1,1 +1,23 @@
 //! One file per command: files in, one stage, files out.
+//!
+//! A job is a serde struct of all its options: what the command line resolves, what `run.toml`
+//! stores and what replays it. Each file has the struct and a `run(&job, &context)` that returns
+//! an outcome which the command line prints.
+
+mod out;
+
+pub use out::{OutDir, check_out_file, run_file_beside};
+
+use crate::progress::Progress;
+use crate::warning::Warnings;
+
+/// What every job is given beside its options. None of it changes a result.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    /// Hears how far the work is and says when to stop.
+    pub progress: &'a dyn Progress,
+    /// Collects warnings.
+    pub warnings: &'a Warnings,
+    /// Whether existing outputs may be replaced.
+    pub force: bool,
+}
