@@ -2,6 +2,17 @@
 //!
 //! This crate never sees a file, a camera or a data set; see `ARCHITECTURE.md`.
 
+pub mod align;
+pub mod crop;
+pub mod curve;
+pub mod distance;
+pub mod downsample;
 pub mod error;
+pub mod score;
+pub mod stats;
+pub mod tolerance;
 
+pub use curve::Curve;
 pub use error::{Error, Result};
+pub use score::{Count, Score};
+pub use tolerance::Tolerance;

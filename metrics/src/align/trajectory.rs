@@ -1,0 +1,1 @@
+//! The similarity between two camera trajectories.

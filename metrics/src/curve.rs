@@ -1,0 +1,137 @@
+//! Cumulative curves over distance, as the Tanks and Temples toolbox bins them.
+
+use crate::error::{Error, Result};
+use crate::tolerance::Tolerance;
+
+/// How far past the tolerance the toolbox plots.
+const STRETCH: f64 = 5.0;
+/// Bins per tolerance.
+const BINS_PER_TOLERANCE: f64 = 100.0;
+
+/// The fraction of points whose nearest distance falls below each of a row of edges.
+///
+/// The bins are half open, `edge[i] ≤ d < edge[i + 1]`, the last one is closed.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Curve {
+    edges: Vec<f64>,
+    counts: Vec<usize>,
+    total: usize,
+}
+
+impl Curve {
+    /// The toolbox's curve: edges from 0 in steps of τ/100 up to, and not including, 5τ.
+    ///
+    /// The number of edges is NumPy's for `arange(0, 5τ, τ/100)`: 500, or 501 where the division
+    /// rounds up.
+    pub fn of(distances: &[f64], tolerance: Tolerance) -> Self {
+        let stop = tolerance.get() * STRETCH;
+        let step = tolerance.get() / BINS_PER_TOLERANCE;
+        Self::over(arange(stop, step), distances)
+    }
+
+    /// A curve over ascending finite `edges`, at least two.
+    pub fn with_edges(edges: Vec<f64>, distances: &[f64]) -> Result<Self> {
+        let ascending = edges.windows(2).all(|pair| pair[0] < pair[1]);
+        if edges.len() < 2 || !ascending || edges.iter().any(|edge| !edge.is_finite()) {
+            let problem = "expected at least two finite edges in ascending order";
+            return Err(Error::invalid("curve", problem));
+        }
+        Ok(Self::over(edges, distances))
+    }
+
+    fn over(edges: Vec<f64>, distances: &[f64]) -> Self {
+        let mut counts = vec![0usize; edges.len().saturating_sub(1)];
+        for &distance in distances {
+            if let Some(bin) = bin_of(&edges, distance) {
+                counts[bin] += 1;
+            }
+        }
+        let mut sum = 0;
+        for count in &mut counts {
+            sum += *count;
+            *count = sum;
+        }
+        Self {
+            edges,
+            counts,
+            total: distances.len(),
+        }
+    }
+
+    /// The edges of the bins in world units, one more than there are bins.
+    pub fn edges(&self) -> &[f64] {
+        &self.edges
+    }
+
+    /// Per bin, the points in it and in all bins before it.
+    pub fn counts(&self) -> &[usize] {
+        &self.counts
+    }
+
+    /// How many points there are, in or past the bins.
+    pub fn total(&self) -> usize {
+        self.total
+    }
+
+    /// Per bin, [`Curve::counts`] as a fraction of all points; 0 where there are no points.
+    pub fn fractions(&self) -> Vec<f64> {
+        let total = self.total.max(1) as f64;
+        self.counts
+            .iter()
+            .map(|&count| count as f64 / total)
+            .collect()
+    }
+}
+
+/// NumPy's `arange(0, stop, step)` for positive arguments. A tolerance near the smallest numbers
+/// makes the step 0 or the ratio meaningless; the count is held to what any real one gives.
+fn arange(stop: f64, step: f64) -> Vec<f64> {
+    let count = (stop / step).ceil().clamp(2.0, 1001.0) as usize;
+    (0..count).map(|index| index as f64 * step).collect()
+}
+
+fn bin_of(edges: &[f64], distance: f64) -> Option<usize> {
+    let last = *edges.last()?;
+    if distance == last {
+        return Some(edges.len() - 2);
+    }
+    let above = edges.partition_point(|&edge| edge <= distance);
+    (above > 0 && above < edges.len()).then(|| above - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bins_are_half_open_and_the_last_is_closed() {
+        let edges = vec![0.0, 1.0, 2.0, 3.0];
+        let distances = [0.0, 0.5, 1.0, 2.0, 3.0, 3.5, f64::NAN, f64::INFINITY];
+        let curve = Curve::with_edges(edges, &distances).unwrap();
+        assert_eq!(curve.counts(), [2, 3, 5]);
+        assert_eq!(curve.fractions(), [0.25, 0.375, 0.625]);
+        assert_eq!(curve.total(), 8);
+    }
+
+    #[test]
+    fn edges_stop_before_five_tolerances() {
+        let curve = Curve::of(&[0.0], Tolerance::new(1.0).unwrap());
+        assert_eq!(curve.edges().len(), 500);
+        assert_eq!(curve.edges()[100], 1.0);
+        assert_eq!(curve.edges()[499], 499.0 * 0.01);
+        assert_eq!(curve.counts().len(), 499);
+    }
+
+    #[test]
+    fn no_points_and_tiny_tolerances_are_plain_zeros() {
+        let curve = Curve::of(&[], Tolerance::new(1e-320).unwrap());
+        assert!(curve.fractions().iter().all(|&fraction| fraction == 0.0));
+    }
+
+    #[test]
+    fn edges_out_of_order_are_refused() {
+        assert!(Curve::with_edges(vec![0.0], &[]).is_err());
+        assert!(Curve::with_edges(vec![0.0, 2.0, 1.0], &[]).is_err());
+        assert!(Curve::with_edges(vec![0.0, f64::NAN], &[]).is_err());
+    }
+}
