@@ -1,0 +1,137 @@
+//! `geo`: what the evaluation scripts of the MVSNet family do.
+//!
+//! For every reference pixel with a depth and enough confidence, each source's depth map is sampled
+//! bilinearly (pixels without depth as zeros) where the hypothesis projects to. A source agrees
+//! when reprojection error and relative depth error are below their bounds; the confidence of
+//! sources is not asked. With enough agreeing sources the point gets the mean of the reference's
+//! depth and the agreeing reprojected ones. Reference and source play their parts for every view in
+//! turn; duplicates are not merged.
+
+use super::geometry::PairGeometry;
+use super::sampling;
+use super::{Estimate, FuseCounts, FuseOptions};
+use glam::{DVec2, DVec3};
+
+/// One point before it joins the cloud.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Point {
+    pub(super) position: DVec3,
+    pub(super) color: [u8; 3],
+    pub(super) view_count: u32,
+    pub(super) confidence: f32,
+}
+
+/// The points of some rows of one reference view, and what became of the rest.
+#[derive(Debug, Default)]
+pub(super) struct Band {
+    pub(super) points: Vec<Point>,
+    pub(super) counts: FuseCounts,
+}
+
+/// A reference view and its sources, ready to test pixels.
+pub(super) struct Reference<'a> {
+    estimate: &'a Estimate,
+    sources: Vec<(PairGeometry, &'a Estimate)>,
+    options: &'a FuseOptions,
+}
+
+impl<'a> Reference<'a> {
+    pub(super) fn new(estimates: &'a [Estimate], index: usize, options: &'a FuseOptions) -> Self {
+        let estimate = &estimates[index];
+        let used = estimate.sources.iter().take(options.max_sources);
+        let sources = used
+            .map(|&source| &estimates[source])
+            .map(|source| (PairGeometry::new(&estimate.view, &source.view), source))
+            .collect();
+        Self {
+            estimate,
+            sources,
+            options,
+        }
+    }
+
+    /// Fuses the pixels of `rows`.
+    pub(super) fn fuse_rows(&self, rows: std::ops::Range<u32>) -> Band {
+        let mut band = Band::default();
+        for row in rows {
+            for column in 0..self.estimate.depth.width() {
+                self.fuse_pixel(column, row, &mut band);
+            }
+        }
+        band
+    }
+
+    fn fuse_pixel(&self, column: u32, row: u32, band: &mut Band) {
+        band.counts.pixels += 1;
+        let depth = f64::from(self.estimate.depth.get(column, row));
+        if depth <= 0.0 {
+            band.counts.empty += 1;
+            return;
+        }
+        let confidence = self.estimate.confidence.as_ref();
+        let confidence = confidence.map_or(1.0, |map| map.get(column, row));
+        if confidence.is_nan() || confidence < self.options.min_confidence {
+            band.counts.unconfident += 1;
+            return;
+        }
+        let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+        let (agreeing, mean) = self.consensus(pixel, depth);
+        if agreeing < self.options.min_sources {
+            band.counts.inconsistent += 1;
+            return;
+        }
+        band.counts.fused += 1;
+        band.points.push(Point {
+            position: self.position(pixel, mean),
+            color: self.color(pixel),
+            view_count: u32::try_from(agreeing + 1).unwrap_or(u32::MAX),
+            confidence,
+        });
+    }
+
+    /// How many sources agree with `depth` at `pixel`, and the mean depth of all that do.
+    pub(super) fn consensus(&self, pixel: DVec2, depth: f64) -> (usize, f64) {
+        let reprojected = self
+            .sources
+            .iter()
+            .filter_map(|(pair, source)| self.agreeing_depth(pair, source, pixel, depth));
+        let (count, sum) = reprojected.fold((0, depth), |(count, sum), z| (count + 1, sum + z));
+        #[allow(clippy::cast_precision_loss, reason = "a number of views")]
+        let mean = sum / (count + 1) as f64;
+        (count, mean)
+    }
+
+    fn agreeing_depth(
+        &self,
+        pair: &PairGeometry,
+        source: &Estimate,
+        pixel: DVec2,
+        depth: f64,
+    ) -> Option<f64> {
+        let projected = pair.project(pixel, depth)?;
+        let sampled = sampling::plain(&source.depth, projected.pixel);
+        let q = sampled / projected.depth - 1.0;
+        let agrees = sampled > 0.0
+            && pair.pixel_error(pixel, depth, q) < self.options.max_pixel_error
+            && pair.depth_error(depth, q) < self.options.max_depth_error;
+        agrees.then(|| pair.reprojected_depth(depth, q))
+    }
+
+    fn position(&self, pixel: DVec2, depth: f64) -> DVec3 {
+        let view = &self.estimate.view;
+        view.pose.to_world(view.camera.ray(pixel) * depth)
+    }
+
+    /// The reference image's colour; white without an image.
+    fn color(&self, pixel: DVec2) -> [u8; 3] {
+        let Some(image) = &self.estimate.image else {
+            return [255; 3];
+        };
+        let camera = &self.estimate.view.camera;
+        let scale = DVec2::new(
+            f64::from(image.width()) / f64::from(camera.width()),
+            f64::from(image.height()) / f64::from(camera.height()),
+        );
+        sampling::color(image, pixel * scale)
+    }
+}
