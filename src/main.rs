@@ -1,3 +1,9 @@
 //! The `mvs-eval` command.
 
-fn main() {}
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::main()
+}

@@ -5,6 +5,7 @@
 //! an outcome which the command line prints.
 
 mod out;
+pub mod render;
 
 pub use out::{OutDir, check_out_file, run_file_beside};
 

@@ -1,1 +1,3 @@
 //! Why to believe it: one integration binary.
+
+mod architecture;

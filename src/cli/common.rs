@@ -1,0 +1,122 @@
+//! What every command shares: global options, layers of options, threads, Ctrl-C.
+
+use super::bars::{Bars, INTERRUPTED};
+use super::output;
+use anyhow::Context as _;
+use clap::{Args, ValueEnum};
+use mvs_eval::config;
+use mvs_eval::jobs::Context;
+use mvs_eval::warning::Warnings;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+/// How a command ended when it could be done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// Exit code 0.
+    Passed,
+    /// A check or gate failed: exit code 1.
+    Failed,
+}
+
+impl Verdict {
+    /// Passed unless `failed`.
+    pub(crate) fn failed_if(failed: bool) -> Self {
+        if failed { Self::Failed } else { Self::Passed }
+    }
+}
+
+/// How the answer on stdout looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Format {
+    /// A table on a terminal, JSON otherwise.
+    Auto,
+    /// A table.
+    Table,
+    /// JSON.
+    Json,
+}
+
+/// The two conventions for pixel centres.
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Centre {
+    /// At (0.5, 0.5).
+    Half,
+    /// At (0, 0).
+    Integer,
+}
+
+/// Options of every command. None of them changes a result.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "General options")]
+pub(crate) struct Global {
+    /// Worker threads; all cores when not given. Results do not depend on it.
+    #[arg(long, global = true, default_value_t = 0, hide_default_value = true)]
+    pub(crate) threads: usize,
+    /// Replace an existing result.
+    #[arg(long, global = true)]
+    pub(crate) force: bool,
+    /// No progress on stderr; warnings and errors stay.
+    #[arg(long, short, global = true)]
+    pub(crate) quiet: bool,
+    /// How the answer on stdout looks.
+    #[arg(long, global = true, value_enum, default_value = "auto")]
+    pub(crate) format: Format,
+    /// Options from a run.toml of the same command or a TOML of bare options; flags override it.
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+}
+
+/// A job's options from the configuration file and the flags.
+pub(crate) fn resolve<T: DeserializeOwned>(
+    command: &str,
+    flags: &impl Serialize,
+    global: &Global,
+) -> anyhow::Result<T> {
+    let mut layers = Vec::new();
+    if let Some(path) = &global.config {
+        layers.push(config::read_layer(path, command)?);
+    }
+    layers.push(config::layer_of(flags)?);
+    Ok(config::resolve(layers)?)
+}
+
+/// Runs a job with progress and warnings on stderr.
+pub(crate) fn with_context<T>(
+    global: &Global,
+    job: impl FnOnce(&Context<'_>) -> mvs_eval::Result<T>,
+) -> anyhow::Result<T> {
+    let bars = Bars::new(global.quiet);
+    let warnings = Warnings::default();
+    let context = Context {
+        progress: &bars,
+        warnings: &warnings,
+        force: global.force,
+    };
+    let outcome = job(&context);
+    bars.finish();
+    output::say_warnings(&warnings.sorted());
+    Ok(outcome?)
+}
+
+/// Runs `work` on at most `threads` threads.
+pub(crate) fn in_pool<T: Send>(
+    threads: usize,
+    work: impl FnOnce() -> anyhow::Result<T> + Send,
+) -> anyhow::Result<T> {
+    mvs_eval::parallel::with_threads(threads, work)?
+}
+
+/// The first Ctrl-C asks the work to stop at the next safe point, the second ends the process.
+pub(crate) fn install_interrupt() -> anyhow::Result<()> {
+    ctrlc::set_handler(|| {
+        if INTERRUPTED.swap(true, Ordering::Relaxed) {
+            std::process::abort();
+        }
+        output::say("stopping at the next safe point; press Ctrl-C again to end at once");
+    })
+    .context("cannot listen for Ctrl-C")
+}

@@ -1,0 +1,79 @@
+//! The command line: one file per command, each with arguments, one library call and one output.
+//!
+//! stdout is the answer, stderr the conversation. Exit codes: 0 done; 1 done, and a check or gate
+//! failed; 2 could not do it.
+
+mod bars;
+mod common;
+mod output;
+mod render;
+mod replay;
+
+use clap::{Parser, Subcommand};
+use common::{Global, Verdict};
+use std::process::ExitCode;
+
+const ABOUT: &str = "Benchmark and evaluation suite for multi-view-stereo point clouds";
+const LONG_ABOUT: &str = "\
+Benchmark and evaluation suite for multi-view-stereo (MVS) point clouds.
+
+  mesh + cameras + photographs --generate--> BlendedMVS data set
+  depth maps ---------------------fuse-----> point cloud
+  point cloud + truth -------------score---> precision, recall, F-score
+  scores -------------------------report---> leaderboards
+
+Try `mvs-eval demo`: it does all of it on a scene that the program makes itself.
+
+Every result folder holds a run.toml with all options and the hashes of the inputs;
+`mvs-eval replay run.toml --out NEW` makes the result again. The answer goes to stdout (a table on
+a terminal, JSON otherwise), progress and warnings to stderr.
+
+Exit codes: 0 done; 1 done, and a check or gate failed; 2 could not do it.";
+
+#[derive(Parser)]
+#[command(name = "mvs-eval", version, about = ABOUT, long_about = LONG_ABOUT)]
+#[command(propagate_version = true, arg_required_else_help = true)]
+struct Cli {
+    #[command(flatten)]
+    global: Global,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Render(render::RenderArgs),
+    Replay(replay::ReplayArgs),
+}
+
+/// Runs the command line of this process.
+pub(crate) fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            let code = if error.use_stderr() { 2 } else { 0 };
+            return if error.print().is_ok() {
+                ExitCode::from(code)
+            } else {
+                ExitCode::from(2)
+            };
+        }
+    };
+    let outcome = common::install_interrupt()
+        .and_then(|()| common::in_pool(cli.global.threads, || run(&cli.command, &cli.global)));
+    match outcome {
+        Ok(Verdict::Passed) => ExitCode::SUCCESS,
+        Ok(Verdict::Failed) => ExitCode::from(1),
+        Err(error) => {
+            output::say(&format!("error: {error:#}"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
+    match command {
+        Command::Render(args) => render::run(args, global),
+        Command::Replay(args) => replay::run(args, global),
+    }
+}

@@ -1,0 +1,69 @@
+use super::common::{Centre, Global, Verdict, resolve, with_context};
+use super::output::{answer, table};
+use clap::Args;
+use mvs_eval::config::Size;
+use mvs_eval::jobs::render::{self, RenderJob, RenderOutcome};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Render a textured mesh from every camera: depth, colour, cams
+///
+/// Writes depth/<id>.pfm (z-depth in world units, 0 = none, exact at pixel centres), color/<id>.png
+/// (8-bit sRGB) and cams/<id>_cam.txt, where <id> has eight digits.
+///
+/// Example: mvs-eval render --mesh model.obj --cameras cams --pixel-center integer --out rendered
+#[derive(Debug, Args, Serialize)]
+pub(crate) struct RenderArgs {
+    /// Mesh files (.obj with .mtl and textures, .ply), or folders of tiles; together one scene
+    #[arg(long, num_args = 1.., value_name = "PATH")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    mesh: Vec<PathBuf>,
+    /// A folder of MVSNet cams (00000000_cam.txt …)
+    #[arg(long, value_name = "PATH")]
+    cameras: Option<PathBuf>,
+    /// The folder to write
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// The image size that the intrinsics are for; by default twice the principal point
+    #[arg(long, value_name = "WxH")]
+    size: Option<Size>,
+    /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
+    #[arg(long, value_enum)]
+    pixel_center: Option<Centre>,
+    #[command(flatten)]
+    render: RenderFlags,
+}
+
+#[derive(Debug, Args, Serialize)]
+pub(crate) struct RenderFlags {
+    /// Colour samples per pixel, a square number: 4 for drafts, 16 (default) for data sets
+    #[arg(long)]
+    samples: Option<u32>,
+}
+
+pub(crate) fn run(args: &RenderArgs, global: &Global) -> anyhow::Result<Verdict> {
+    execute(&resolve("render", args, global)?, global)
+}
+
+pub(crate) fn execute(job: &RenderJob, global: &Global) -> anyhow::Result<Verdict> {
+    let outcome = with_context(global, |context| render::run(job, context))?;
+    answer(global.format, &outcome, || as_table(&outcome))?;
+    Ok(Verdict::Passed)
+}
+
+fn as_table(outcome: &RenderOutcome) -> comfy_table::Table {
+    let mut table = table(&["view", "size", "coverage", "depth"]);
+    for view in &outcome.views {
+        let depth = match (view.depth_min, view.depth_max) {
+            (Some(min), Some(max)) => format!("{min:.4} … {max:.4}"),
+            _ => "–".to_owned(),
+        };
+        table.add_row([
+            view.id.to_string(),
+            format!("{}x{}", view.width, view.height),
+            format!("{:.1} %", 100.0 * view.coverage),
+            depth,
+        ]);
+    }
+    table
+}

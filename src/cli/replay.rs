@@ -1,0 +1,38 @@
+use super::common::{Global, Verdict};
+use super::{output, render};
+use clap::Args;
+use mvs_eval::config;
+use mvs_eval::provenance::Run;
+use std::path::PathBuf;
+use toml::{Table, Value};
+
+/// Make a result again from its run.toml
+///
+/// Run it in the folder where the first run was started if the paths in run.toml are relative.
+/// Inputs that have changed since are named.
+#[derive(Debug, Args)]
+pub(crate) struct ReplayArgs {
+    /// The run.toml beside a result
+    run: PathBuf,
+    /// Where to write instead of the first place
+    #[arg(long, value_name = "PATH")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict> {
+    let run = Run::read(&args.run)?;
+    for path in run.changed_inputs() {
+        output::say(&format!(
+            "warning [input-changed]: {path} is not what it was in the first run"
+        ));
+    }
+    let mut over = Table::new();
+    if let Some(out) = &args.out {
+        over.insert("out".into(), Value::String(out.display().to_string()));
+    }
+    let layers = [run.options.clone(), over];
+    match run.command.as_str() {
+        "render" => render::execute(&config::resolve(layers)?, global),
+        other => anyhow::bail!("{}: unknown command `{other}`", args.run.display()),
+    }
+}
