@@ -7,38 +7,54 @@ use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// A folder for a result. Files in it are written to a temporary name and renamed, `run.toml` last:
-/// a folder without it is not finished.
+/// The mark of a finished result folder.
+const FINISHED: &str = "run.toml";
+/// The mark of a result folder that is being made, or whose making was interrupted.
+const UNFINISHED: &str = "run.partial.toml";
+
+/// A folder for a result. Files in it are written to a temporary name and renamed; its `run.toml`
+/// appears last, so a folder without it is not finished.
 #[derive(Debug)]
 pub struct OutDir {
     path: PathBuf,
+    run: Run,
 }
 
 impl OutDir {
-    /// Makes the folder, or takes an existing one that is empty. With `force` an existing result is
-    /// replaced file by file; its `run.toml` goes first, so that a half-replaced folder is known.
-    pub fn create(path: &Path, force: bool) -> Result<Self> {
+    /// Makes the folder for the result of `run`, or takes an existing one that is empty, that an
+    /// interrupted run of the same options and inputs left behind, or, with `force`, any.
+    pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
         fs::create_dir_all(path).map_err(mvs_datasets::Error::io(path, "create the folder"))?;
         let mut entries = fs::read_dir(path).map_err(mvs_datasets::Error::io(path, "read"))?;
-        if entries.next().is_some() && !force {
-            return Err(Error::exists(path));
-        }
         let out = Self {
             path: path.to_path_buf(),
+            run,
         };
-        let finished = out.file("run.toml");
-        if finished.exists() {
-            fs::remove_file(&finished).map_err(mvs_datasets::Error::io(&finished, "remove"))?;
+        if entries.next().is_some() && !force && !out.is_marked(UNFINISHED) {
+            return Err(Error::exists(path));
         }
-        out.check_writable()?;
+        out.run.write(&out.file(UNFINISHED))?;
+        remove_if_there(&out.file(FINISHED))?;
         Ok(out)
     }
 
-    fn check_writable(&self) -> Result<()> {
-        let probe = self.file(".writable");
-        files::write_atomically(&probe, |_| Ok(()))?;
-        fs::remove_file(&probe).map_err(mvs_datasets::Error::io(&probe, "remove"))?;
-        Ok(())
+    /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the
+    /// same bytes are made again.
+    pub fn create_again(path: &Path, run: Run, force: bool) -> Result<Self> {
+        let same = Self {
+            path: path.to_path_buf(),
+            run: run.clone(),
+        }
+        .is_marked(FINISHED);
+        Self::create(path, run, force || same)
+    }
+
+    /// Whether the mark in the folder is that of the same options and inputs.
+    fn is_marked(&self, mark: &str) -> bool {
+        Run::read(&self.file(mark)).is_ok_and(|run| {
+            let key = |run: &Run| (run.command.clone(), run.options.clone(), run.inputs.clone());
+            key(&run) == key(&self.run)
+        })
     }
 
     /// The folder itself.
@@ -68,8 +84,18 @@ impl OutDir {
     }
 
     /// Marks the result as finished.
-    pub fn finish(self, run: &Run) -> Result<()> {
-        run.write(&self.file("run.toml"))
+    pub fn finish(self) -> Result<()> {
+        self.run.write(&self.file(FINISHED))?;
+        remove_if_there(&self.file(UNFINISHED))
+    }
+}
+
+fn remove_if_there(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(mvs_datasets::Error::io(path, "remove")(error).into())
+        }
+        _ => Ok(()),
     }
 }
 
@@ -96,4 +122,65 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
 /// Where the `run.toml` of a result file stands: `cloud.ply` → `cloud.run.toml`.
 pub fn run_file_beside(result: &Path) -> PathBuf {
     result.with_extension("run.toml")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::render::RenderJob;
+
+    fn run_of(samples: u32) -> Run {
+        let mut job = RenderJob::default();
+        job.render.samples = samples;
+        Run::new("render", &job, &[]).unwrap()
+    }
+
+    #[test]
+    fn a_result_is_not_replaced_without_force() {
+        let folder = tempfile::tempdir().unwrap();
+        OutDir::create(folder.path(), run_of(4), false)
+            .unwrap()
+            .finish()
+            .unwrap();
+        let error = OutDir::create(folder.path(), run_of(4), false)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("already exists; give --force"), "{error}");
+        assert!(
+            folder.path().join(FINISHED).exists(),
+            "refusing leaves the result as it is"
+        );
+        assert!(OutDir::create_again(folder.path(), run_of(16), false).is_err());
+        assert!(OutDir::create_again(folder.path(), run_of(4), false).is_ok());
+    }
+
+    #[test]
+    fn an_interrupted_run_of_the_same_options_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = OutDir::create(folder.path(), run_of(4), false).unwrap();
+        out.write_json("half.json", &1).unwrap();
+        drop(out);
+        assert!(
+            OutDir::create(folder.path(), run_of(16), false).is_err(),
+            "other options"
+        );
+        let out = OutDir::create(folder.path(), run_of(4), false).unwrap();
+        assert!(out.file("half.json").exists() && !out.file(FINISHED).exists());
+        out.finish().unwrap();
+        assert!(!folder.path().join(UNFINISHED).exists());
+    }
+
+    #[test]
+    fn force_takes_any_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        OutDir::create(folder.path(), run_of(4), false)
+            .unwrap()
+            .finish()
+            .unwrap();
+        assert!(OutDir::create(folder.path(), run_of(16), true).is_ok());
+        assert!(
+            !folder.path().join(FINISHED).exists(),
+            "a half-replaced result is known as such"
+        );
+    }
 }

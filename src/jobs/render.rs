@@ -60,7 +60,9 @@ pub struct RenderedView {
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let scene = read_cameras(job)?;
-    let out = OutDir::create(&job.out, context.force)?;
+    let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
+    inputs.push(&job.cameras);
+    let out = OutDir::create(&job.out, Run::new("render", job, &inputs)?, context.force)?;
     let loaded = mesh::read_meshes(&job.mesh)?;
     for note in &loaded.notes {
         context.warnings.add("mesh", note.clone());
@@ -86,9 +88,7 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
                        cameras share a frame and that poses are world-to-camera";
         return Err(Error::invalid(job.cameras.display().to_string(), problem));
     }
-    let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
-    inputs.push(&job.cameras);
-    out.finish(&Run::new("render", job, &inputs)?)?;
+    out.finish()?;
     Ok(RenderOutcome {
         triangles: loaded.mesh.triangles().len(),
         views,
