@@ -1,3 +1,11 @@
 //! Why to believe it: one integration binary.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "helpers of tests may fail like tests"
+)]
 
 mod architecture;
+mod render;
