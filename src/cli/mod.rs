@@ -5,6 +5,7 @@
 
 mod bars;
 mod common;
+mod inspect;
 mod output;
 mod render;
 mod replay;
@@ -43,6 +44,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Render(render::RenderArgs),
+    Inspect(inspect::InspectArgs),
     Replay(replay::ReplayArgs),
 }
 
@@ -74,6 +76,7 @@ pub(crate) fn main() -> ExitCode {
 fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
     match command {
         Command::Render(args) => render::run(args, global),
+        Command::Inspect(args) => inspect::run(args, global),
         Command::Replay(args) => replay::run(args, global),
     }
 }
