@@ -1,8 +1,18 @@
-//! JPEG and PNG. Values are 8-bit sRGB, kept as they are.
+//! JPEG and PNG. Values are 8-bit sRGB, kept as they are; EXIF orientation is not applied.
 
 use crate::error::FormatError;
 use crate::scene::{ColorImage, Mask, Raster};
-use std::io::Write;
+use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use ::image::{
+    DynamicImage, ExtendedColorType, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
+};
+use jpeg_encoder::{ChromaSubsamplingMethod, ColorType, Encoder, SamplingFactor};
+use std::io::{Cursor, Error, ErrorKind, Write};
+
+/// No image has more pixels: 23,170 squared.
+const MOST_PIXELS: u64 = 1 << 29;
+/// Deflate shrinks at most 1032-fold and a pixel takes at least one bit; JPEG stays below that.
+const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// How a JPEG is encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,41 +33,258 @@ impl Default for JpegOptions {
     }
 }
 
-/// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread.
-pub fn read_color(_bytes: &[u8]) -> Result<ColorImage, FormatError> {
-    todo!()
+/// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread, 16 bits
+/// become 8.
+pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
+    let rgb = decode(bytes)?.into_rgb8();
+    let (width, height) = rgb.dimensions();
+    let values = rgb.into_raw().as_chunks::<3>().0.to_vec();
+    Raster::from_values(width, height, values).map_err(FormatError::at("image"))
 }
 
-/// Reads a JPEG or PNG as one channel.
-pub fn read_gray(_bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
-    todo!()
+/// Reads a JPEG or PNG as one channel; colours become their luminance.
+pub fn read_gray(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
+    let gray = decode(bytes)?.into_luma8();
+    let (width, height) = gray.dimensions();
+    Raster::from_values(width, height, gray.into_raw()).map_err(FormatError::at("image"))
 }
 
 /// The (width, height) that a JPEG or PNG states, without decoding it.
-pub fn read_size(_bytes: &[u8]) -> Result<(u32, u32), FormatError> {
-    todo!()
+pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
+    let format = format_of(bytes)?;
+    let reader = ImageReader::with_format(Cursor::new(bytes), format);
+    reader.into_dimensions().map_err(undecodable)
+}
+
+/// Decodes after checking that the stated size is possible for so few bytes.
+fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
+    let (width, height) = read_size(bytes)?;
+    let pixels = u64::from(width) * u64::from(height);
+    let most = MOST_PIXELS.min(MOST_PIXELS_PER_BYTE * bytes.len() as u64);
+    if pixels > most {
+        let problem = format!(
+            "expected at most {most} pixels in an image of {} bytes, found {width} x {height}",
+            bytes.len()
+        );
+        return Err(FormatError::new("header", problem));
+    }
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format_of(bytes)?);
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(8 * pixels + (1 << 26));
+    reader.limits(limits);
+    reader.decode().map_err(undecodable)
+}
+
+fn format_of(bytes: &[u8]) -> Result<ImageFormat, FormatError> {
+    match ::image::guess_format(bytes) {
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => Ok(format),
+        _ if bytes.is_empty() => Err(FormatError::new(
+            "byte 0",
+            "expected a JPEG or PNG, found an empty file",
+        )),
+        _ => {
+            let start = &bytes[..bytes.len().min(4)];
+            let problem =
+                format!("expected a JPEG or PNG, found a file that starts with {start:02x?}");
+            Err(FormatError::new("byte 0", problem))
+        }
+    }
+}
+
+fn undecodable(error: ImageError) -> FormatError {
+    let said = error.to_string().replace('\n', " ");
+    FormatError::new(
+        "image",
+        format!("expected a whole JPEG or PNG, found: {said}"),
+    )
 }
 
 /// Writes an RGB PNG.
-pub fn write_png(_out: &mut impl Write, _image: &ColorImage) -> std::io::Result<()> {
-    todo!()
+pub fn write_png(out: &mut impl Write, image: &ColorImage) -> std::io::Result<()> {
+    let bytes = image.values().as_flattened();
+    encode_png(out, bytes, image.size(), ExtendedColorType::Rgb8)
 }
 
 /// Writes a one-channel PNG.
-pub fn write_gray_png(_out: &mut impl Write, _image: &Raster<u8>) -> std::io::Result<()> {
-    todo!()
+pub fn write_gray_png(out: &mut impl Write, image: &Raster<u8>) -> std::io::Result<()> {
+    encode_png(out, image.values(), image.size(), ExtendedColorType::L8)
 }
 
 /// Writes a mask as a one-channel PNG of 0 and 255.
-pub fn write_mask_png(_out: &mut impl Write, _mask: &Mask) -> std::io::Result<()> {
-    todo!()
+pub fn write_mask_png(out: &mut impl Write, mask: &Mask) -> std::io::Result<()> {
+    write_gray_png(out, &mask.map(|&counts| if counts { 255 } else { 0 }))
 }
 
-/// Writes a baseline JFIF JPEG without EXIF.
-pub fn write_jpeg(
-    _out: &mut impl Write,
-    _image: &ColorImage,
-    _options: JpegOptions,
+fn encode_png(
+    out: &mut impl Write,
+    bytes: &[u8],
+    (width, height): (u32, u32),
+    color: ExtendedColorType,
 ) -> std::io::Result<()> {
-    todo!()
+    PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(bytes, width, height, color)
+        .map_err(|error| match error {
+            ImageError::IoError(error) => error,
+            other => Error::other(other),
+        })
+}
+
+/// Writes a baseline JFIF JPEG without EXIF. Sides are at most 65,535 pixels.
+pub fn write_jpeg(
+    out: &mut impl Write,
+    image: &ColorImage,
+    options: JpegOptions,
+) -> std::io::Result<()> {
+    let (Ok(width), Ok(height)) = (u16::try_from(image.width()), u16::try_from(image.height()))
+    else {
+        let problem = format!(
+            "a JPEG has at most 65535 pixels a side, not {} x {}",
+            image.width(),
+            image.height()
+        );
+        return Err(Error::new(ErrorKind::InvalidInput, problem));
+    };
+    let mut encoder = Encoder::new(out, options.quality.clamp(1, 100));
+    encoder.set_chroma_subsampling_method(ChromaSubsamplingMethod::Average);
+    encoder.set_sampling_factor(if options.subsample_chroma {
+        SamplingFactor::F_2_2
+    } else {
+        SamplingFactor::F_1_1
+    });
+    encoder
+        .encode(image.values().as_flattened(), width, height, ColorType::Rgb)
+        .map_err(|error| match error {
+            jpeg_encoder::EncodingError::IoError(error) => error,
+            other => Error::other(other),
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn smooth(width: u32, height: u32) -> ColorImage {
+        let values = (0..width * height)
+            .map(|index| {
+                let (x, y) = (f64::from(index % width), f64::from(index / width));
+                [x * 0.03, y * 0.05, (x + y) * 0.02]
+                    .map(|phase| (127.0 + 100.0 * phase.sin()) as u8)
+            })
+            .collect();
+        Raster::from_values(width, height, values).unwrap()
+    }
+
+    fn jpeg(image: &ColorImage, options: JpegOptions) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        write_jpeg(&mut bytes, image, options).unwrap();
+        bytes
+    }
+
+    fn worst_difference(a: &ColorImage, b: &ColorImage) -> u8 {
+        let pairs = a
+            .values()
+            .as_flattened()
+            .iter()
+            .zip(b.values().as_flattened());
+        pairs.map(|(x, y)| x.abs_diff(*y)).max().unwrap()
+    }
+
+    /// The bytes of the frame header from its sampling factors on: three per component.
+    fn components(jpeg: &[u8]) -> &[u8] {
+        let frame = jpeg
+            .windows(2)
+            .position(|pair| pair == [0xff, 0xc0])
+            .unwrap();
+        &jpeg[frame + 10..frame + 19]
+    }
+
+    proptest! {
+        #[test]
+        fn png_keeps_every_value(
+            width in 1u32..9,
+            values in proptest::collection::vec(any::<[u8; 3]>(), 1..9),
+        ) {
+            let height = u32::try_from(values.len()).unwrap();
+            let values = values.iter().flat_map(|&v| vec![v; width as usize]).collect();
+            let image = Raster::from_values(width, height, values).unwrap();
+            let mut bytes = Vec::new();
+            write_png(&mut bytes, &image).unwrap();
+            prop_assert_eq!(read_size(&bytes).unwrap(), image.size());
+            prop_assert_eq!(read_color(&bytes).unwrap(), image);
+        }
+    }
+
+    #[test]
+    fn grey_and_masks_keep_their_values() {
+        let gray = Raster::from_values(3, 1, vec![0u8, 7, 255]).unwrap();
+        let mut bytes = Vec::new();
+        write_gray_png(&mut bytes, &gray).unwrap();
+        assert_eq!(read_gray(&bytes).unwrap(), gray);
+        assert_eq!(read_color(&bytes).unwrap().get(1, 0), [7; 3]);
+        let mask = Raster::from_values(2, 1, vec![true, false]).unwrap();
+        let mut bytes = Vec::new();
+        write_mask_png(&mut bytes, &mask).unwrap();
+        assert_eq!(read_gray(&bytes).unwrap().values(), [255, 0]);
+    }
+
+    #[test]
+    fn jpeg_is_jfif_with_the_sampling_asked_for() {
+        let image = smooth(67, 45);
+        let bytes = jpeg(&image, JpegOptions::default());
+        assert_eq!(&bytes[..4], [0xff, 0xd8, 0xff, 0xe0]);
+        assert_eq!(&bytes[6..10], b"JFIF");
+        assert!(!bytes.windows(4).any(|four| four == b"Exif"));
+        assert_eq!([components(&bytes)[1], components(&bytes)[4]], [0x22, 0x11]);
+        assert!(worst_difference(&read_color(&bytes).unwrap(), &image) <= 8);
+        let full = JpegOptions {
+            quality: 100,
+            subsample_chroma: false,
+        };
+        let bytes = jpeg(&image, full);
+        assert_eq!([components(&bytes)[1], components(&bytes)[4]], [0x11, 0x11]);
+        assert!(worst_difference(&read_color(&bytes).unwrap(), &image) <= 3);
+        assert_eq!(read_size(&bytes).unwrap(), (67, 45));
+    }
+
+    #[test]
+    fn what_is_no_image_gets_one_sentence() {
+        let whole = jpeg(&smooth(40, 30), JpegOptions::default());
+        let mut png = Vec::new();
+        write_png(&mut png, &smooth(40, 30)).unwrap();
+        for (bytes, expected) in [
+            (&b""[..], "found an empty file"),
+            (
+                b"GIF89a..",
+                "found a file that starts with [47, 49, 46, 38]",
+            ),
+            (b"\x00", "found a file that starts with [00]"),
+            (&png[..png.len() / 2], "expected a whole JPEG or PNG"),
+            (&png[..20], "expected a whole JPEG or PNG"),
+            (&whole[..40], "expected a whole JPEG or PNG"),
+        ] {
+            let error = read_color(bytes).unwrap_err().to_string();
+            assert!(error.contains(expected) && !error.contains('\n'), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_size_that_the_bytes_cannot_hold_is_refused_before_allocating() {
+        let mut png = Vec::new();
+        write_png(&mut png, &smooth(4, 3)).unwrap();
+        png[16..20].copy_from_slice(&50_000u32.to_be_bytes());
+        png[20..24].copy_from_slice(&50_000u32.to_be_bytes());
+        let crc = crc32(&png[12..29]);
+        png[29..33].copy_from_slice(&crc.to_be_bytes());
+        let error = read_color(&png).unwrap_err().to_string();
+        assert!(error.contains("found 50000 x 50000"), "{error}");
+    }
+
+    fn crc32(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(!0u32, |crc, &byte| {
+            (0..8).fold(crc ^ u32::from(byte), |crc, _| {
+                (crc >> 1) ^ (0xedb8_8320 & (0u32.wrapping_sub(crc & 1)))
+            })
+        })
+    }
 }

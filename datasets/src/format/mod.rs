@@ -11,4 +11,5 @@ pub mod log;
 pub mod pair;
 pub mod pfm;
 pub mod ply;
+mod text;
 pub mod transform;

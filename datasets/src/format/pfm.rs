@@ -1,5 +1,6 @@
 //! PFM: float images, rows bottom-up. `Pf` has one channel, `PF` three.
 
+use super::text::shown;
 use crate::error::FormatError;
 use crate::scene::Raster;
 use std::io::Write;
@@ -13,22 +14,253 @@ pub enum Pfm {
     Color(Raster<[f32; 3]>),
 }
 
-/// Reads a PFM of either kind and endianness. The scale's magnitude is not applied.
-pub fn read(_bytes: &[u8]) -> Result<Pfm, FormatError> {
-    todo!()
+/// What stands before the numbers.
+struct Header {
+    color: bool,
+    width: u32,
+    height: u32,
+    big_endian: bool,
+}
+
+/// Reads a PFM of either kind and endianness. The scale's magnitude is not applied. Values are as
+/// stored: they may be NaN or infinite.
+pub fn read(bytes: &[u8]) -> Result<Pfm, FormatError> {
+    let (header, body) = read_header(bytes)?;
+    let channels = if header.color { 3 } else { 1 };
+    let expected = u128::from(header.width) * u128::from(header.height) * channels * 4;
+    if body.len() as u128 != expected {
+        let problem = format!(
+            "expected {} x {} x {channels} floats = {expected} bytes after the header, found {}",
+            header.width,
+            header.height,
+            body.len()
+        );
+        return Err(FormatError::new("data", problem));
+    }
+    let float = if header.big_endian {
+        f32::from_be_bytes
+    } else {
+        f32::from_le_bytes
+    };
+    if header.color {
+        let pixel = |at: &[u8; 12]| {
+            let mut rgb = [0.0; 3];
+            for (value, four) in rgb.iter_mut().zip(at.as_chunks::<4>().0) {
+                *value = float(*four);
+            }
+            rgb
+        };
+        Ok(Pfm::Color(raster(&header, body, pixel)?))
+    } else {
+        Ok(Pfm::Gray(raster(&header, body, |at: &[u8; 4]| float(*at))?))
+    }
+}
+
+/// Turns the rows, which are stored from the bottom, into a raster.
+fn raster<T, const N: usize>(
+    header: &Header,
+    body: &[u8],
+    pixel: impl Fn(&[u8; N]) -> T,
+) -> Result<Raster<T>, FormatError> {
+    let row_bytes = (header.width as usize * N).max(1);
+    let values = body
+        .rchunks_exact(row_bytes)
+        .flat_map(|row| row.as_chunks::<N>().0.iter().map(&pixel))
+        .collect();
+    Raster::from_values(header.width, header.height, values).map_err(FormatError::at("header"))
 }
 
 /// Reads a one-channel PFM.
-pub fn read_gray(_bytes: &[u8]) -> Result<Raster<f32>, FormatError> {
-    todo!()
+pub fn read_gray(bytes: &[u8]) -> Result<Raster<f32>, FormatError> {
+    match read(bytes)? {
+        Pfm::Gray(raster) => Ok(raster),
+        Pfm::Color(_) => Err(FormatError::new(
+            "header",
+            "expected one channel (`Pf`), found three (`PF`)",
+        )),
+    }
+}
+
+fn read_header(bytes: &[u8]) -> Result<(Header, &[u8]), FormatError> {
+    let mut rest = bytes;
+    let color = match word(&mut rest, "`Pf` or `PF`")? {
+        "Pf" => false,
+        "PF" => true,
+        other => {
+            let problem = format!("expected `Pf` or `PF`, found `{}`", shown(other));
+            return Err(FormatError::new("header", problem));
+        }
+    };
+    let width = number(&mut rest, "a width in pixels")?;
+    let height = number(&mut rest, "a height in pixels")?;
+    let scale: f64 = number(&mut rest, "a scale")?;
+    if scale == 0.0 || !scale.is_finite() {
+        let problem = format!("expected a scale below 0 (little-endian) or above, found {scale}");
+        return Err(FormatError::new("header", problem));
+    }
+    let header = Header {
+        color,
+        width,
+        height,
+        big_endian: scale > 0.0,
+    };
+    let body = rest
+        .strip_prefix(b"\r\n")
+        .unwrap_or(rest.get(1..).unwrap_or_default());
+    Ok((header, body))
+}
+
+/// The next word of the header; what follows it stays in `rest`.
+fn word<'a>(rest: &mut &'a [u8], expected: &str) -> Result<&'a str, FormatError> {
+    let trimmed = rest.trim_ascii_start();
+    let length = trimmed
+        .iter()
+        .take(64)
+        .position(u8::is_ascii_whitespace)
+        .unwrap_or(trimmed.len().min(64));
+    let (found, after) = trimmed.split_at(length);
+    *rest = after;
+    match std::str::from_utf8(found) {
+        Ok(text) if !text.is_empty() => Ok(text),
+        Ok(_) => Err(FormatError::new(
+            "header",
+            format!("expected {expected}, found nothing more"),
+        )),
+        Err(_) => Err(FormatError::new(
+            "header",
+            format!("expected {expected}, found binary data"),
+        )),
+    }
+}
+
+fn number<T: std::str::FromStr>(rest: &mut &[u8], expected: &str) -> Result<T, FormatError> {
+    let text = word(rest, expected)?;
+    text.parse().map_err(|_| {
+        let problem = format!("expected {expected}, found `{}`", shown(text));
+        FormatError::new("header", problem)
+    })
 }
 
 /// Writes a little-endian `Pf` with scale -1.000000.
-pub fn write_gray(_out: &mut impl Write, _raster: &Raster<f32>) -> std::io::Result<()> {
-    todo!()
+pub fn write_gray(out: &mut impl Write, raster: &Raster<f32>) -> std::io::Result<()> {
+    write_rows(out, "Pf", raster, |&value| value.to_le_bytes())
 }
 
 /// Writes a little-endian `PF` with scale -1.000000.
-pub fn write_color(_out: &mut impl Write, _raster: &Raster<[f32; 3]>) -> std::io::Result<()> {
-    todo!()
+pub fn write_color(out: &mut impl Write, raster: &Raster<[f32; 3]>) -> std::io::Result<()> {
+    write_rows(out, "PF", raster, |&[r, g, b]| {
+        let mut bytes = [0; 12];
+        bytes[..4].copy_from_slice(&r.to_le_bytes());
+        bytes[4..8].copy_from_slice(&g.to_le_bytes());
+        bytes[8..].copy_from_slice(&b.to_le_bytes());
+        bytes
+    })
+}
+
+fn write_rows<T, const N: usize>(
+    out: &mut impl Write,
+    magic: &str,
+    raster: &Raster<T>,
+    bytes_of: impl Fn(&T) -> [u8; N],
+) -> std::io::Result<()> {
+    write!(
+        out,
+        "{magic}\n{} {}\n-1.000000\n",
+        raster.width(),
+        raster.height()
+    )?;
+    let mut line = Vec::with_capacity(raster.width() as usize * N);
+    for row in raster.rows().rev() {
+        line.clear();
+        line.extend(row.iter().flat_map(&bytes_of));
+        out.write_all(&line)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn bits(raster: &Raster<f32>) -> Vec<u32> {
+        raster
+            .values()
+            .iter()
+            .map(|value| value.to_bits())
+            .collect()
+    }
+
+    #[test]
+    fn rows_are_stored_from_the_bottom() {
+        let raster = Raster::from_values(2, 2, vec![1.0, 2.0, 3.0, 4.0]).unwrap();
+        let mut bytes = Vec::new();
+        write_gray(&mut bytes, &raster).unwrap();
+        let mut expected = b"Pf\n2 2\n-1.000000\n".to_vec();
+        for value in [3.0f32, 4.0, 1.0, 2.0] {
+            expected.extend(value.to_le_bytes());
+        }
+        assert_eq!(bytes, expected);
+        assert_eq!(read_gray(&bytes).unwrap(), raster);
+    }
+
+    #[test]
+    fn big_endian_colour_and_carriage_returns_are_read() {
+        let mut bytes = b"PF\r\n1 2\r\n1.0\r\n".to_vec();
+        for value in [4.0f32, 5.0, 6.0, 1.0, 2.0, 3.0] {
+            bytes.extend(value.to_be_bytes());
+        }
+        let expected = Raster::from_values(1, 2, vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]).unwrap();
+        assert_eq!(read(&bytes).unwrap(), Pfm::Color(expected.clone()));
+        let error = read_gray(&bytes).unwrap_err().to_string();
+        assert!(error.contains("expected one channel"), "{error}");
+        let mut again = Vec::new();
+        write_color(&mut again, &expected).unwrap();
+        assert_eq!(read(&again).unwrap(), Pfm::Color(expected));
+    }
+
+    #[test]
+    fn broken_files_get_one_sentence() {
+        for (bytes, expected) in [
+            (&b""[..], "expected `Pf` or `PF`, found nothing more"),
+            (b"P6\n1 1\n255\n", "found `P6`"),
+            (b"\xff\xd8\xff\xe0", "found binary data"),
+            (
+                b"Pf\n2 2\n-1\n\0\0\0\0",
+                "2 x 2 x 1 floats = 16 bytes after the header, found 4",
+            ),
+            (
+                b"Pf\n1 1\n-1\n\0\0\0\0\0",
+                "= 4 bytes after the header, found 5",
+            ),
+            (b"Pf\n4294967295 4294967295\n-1\n", "found 0"),
+            (
+                b"Pf\n99999999999 1\n-1\n",
+                "expected a width in pixels, found `99999999999`",
+            ),
+            (b"Pf\n0 5\n-1\n", "at least one, found 0"),
+            (b"Pf\n0 0\n-1\n", "at least one, found 0"),
+            (b"Pf\n1 1\n0\n\0\0\0\0", "expected a scale"),
+            (b"Pf\n1 1\nnan\n\0\0\0\0", "expected a scale"),
+            (b"Pf\n1 1", "expected a scale, found nothing more"),
+        ] {
+            let error = read(bytes).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn every_value_reads_back_even_nan(
+            width in 1u32..5,
+            values in proptest::collection::vec(any::<u32>(), 1..6),
+        ) {
+            let height = u32::try_from(values.len()).unwrap();
+            let values: Vec<f32> = values.iter().flat_map(|&b| vec![f32::from_bits(b); width as usize]).collect();
+            let raster = Raster::from_values(width, height, values).unwrap();
+            let mut bytes = Vec::new();
+            write_gray(&mut bytes, &raster).unwrap();
+            prop_assert_eq!(bits(&read_gray(&bytes).unwrap()), bits(&raster));
+        }
+    }
 }

@@ -1,46 +1,244 @@
 //! Single files: reading with the path in every error, writing to a temporary name.
 
-use crate::error::Result;
-use crate::scene::{ColorImage, CropVolume, DepthMap, PointCloud, RejectedDepths, Similarity};
+use crate::error::{Error, FormatError, Result};
+use crate::format;
+use crate::mapped::MappedFile;
+use crate::scene::{
+    ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
+};
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// Writes `path` by way of a temporary file in the same folder, which is renamed when `write` has
 /// succeeded: readers see the old file or the whole new one. Missing parent folders are made.
 pub fn write_atomically(
-    _path: &Path,
-    _write: impl FnOnce(&mut BufWriter<std::fs::File>) -> std::io::Result<()>,
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<std::fs::File>) -> std::io::Result<()>,
 ) -> Result<()> {
-    let _ = std::io::sink().flush();
-    todo!()
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    std::fs::create_dir_all(folder).map_err(Error::io(folder, "create the folder"))?;
+    let temporary = temporary_file(folder).map_err(Error::io(path, "create"))?;
+    let (file, temporary_path) = temporary.into_parts();
+    let mut out = BufWriter::with_capacity(1 << 16, file);
+    write(&mut out)
+        .and_then(|()| out.flush())
+        .map_err(Error::io(path, "write"))?;
+    drop(out);
+    temporary_path
+        .persist(path)
+        .map_err(|refused| Error::io(path, "replace")(refused.error))
+}
+
+/// A temporary file with the permissions that a plain new file has.
+fn temporary_file(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".mvs-eval-").suffix(".part");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666)); // less the umask
+    }
+    builder.tempfile_in(folder)
+}
+
+/// Maps a file and gives its bytes to `read`; the path goes into every error.
+pub fn read_with<T>(path: &Path, read: impl FnOnce(&[u8]) -> Result<T, FormatError>) -> Result<T> {
+    let file = MappedFile::open(path)?;
+    read(file.bytes()).map_err(Error::in_file(path))
 }
 
 /// Reads a text file as UTF-8; a byte-order mark is skipped.
-pub fn read_text(_path: &Path) -> Result<String> {
-    todo!()
+pub fn read_text(path: &Path) -> Result<String> {
+    read_with(path, |bytes| text_of(bytes).map(str::to_owned))
+}
+
+/// Reads a text file and gives its text to `read`; the path goes into every error.
+pub(crate) fn read_text_with<T>(
+    path: &Path,
+    read: impl FnOnce(&str) -> Result<T, FormatError>,
+) -> Result<T> {
+    read_with(path, |bytes| read(text_of(bytes)?))
+}
+
+fn text_of(bytes: &[u8]) -> Result<&str, FormatError> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    std::str::from_utf8(bytes).map_err(|error| {
+        let problem = "expected text in UTF-8, found other bytes: save the file as UTF-8 text";
+        FormatError::new(format!("byte {}", error.valid_up_to()), problem)
+    })
 }
 
 /// Reads a cloud from a PLY. An empty cloud is an error that says so.
-pub fn read_cloud(_path: &Path) -> Result<PointCloud> {
-    todo!()
+pub fn read_cloud(path: &Path) -> Result<PointCloud> {
+    let cloud = read_with(path, format::ply::read_cloud)?;
+    if cloud.is_empty() {
+        let problem = "expected a cloud, found a PLY without points";
+        return Err(Error::layout(path, problem));
+    }
+    Ok(cloud)
 }
 
 /// Reads a JPEG or PNG.
-pub fn read_image(_path: &Path) -> Result<ColorImage> {
-    todo!()
+pub fn read_image(path: &Path) -> Result<ColorImage> {
+    read_with(path, format::image::read_color)
+}
+
+/// Reads a one-channel PFM as it is, e.g. confidences.
+pub fn read_raster(path: &Path) -> Result<Raster<f32>> {
+    read_with(path, format::pfm::read_gray)
 }
 
 /// Reads a PFM depth map.
-pub fn read_depth(_path: &Path) -> Result<(DepthMap, RejectedDepths)> {
-    todo!()
+pub fn read_depth(path: &Path) -> Result<(DepthMap, RejectedDepths)> {
+    Ok(DepthMap::clean(read_raster(path)?))
 }
 
 /// Reads a 4×4 similarity transform.
-pub fn read_similarity(_path: &Path) -> Result<Similarity> {
-    todo!()
+pub fn read_similarity(path: &Path) -> Result<Similarity> {
+    let matrix = read_text_with(path, format::transform::read)?;
+    Similarity::from_matrix(matrix).map_err(|error| Error::layout(path, error.to_string()))
 }
 
 /// Reads a polygon crop volume.
-pub fn read_crop(_path: &Path) -> Result<CropVolume> {
-    todo!()
+pub fn read_crop(path: &Path) -> Result<CropVolume> {
+    read_text_with(path, format::crop::read)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names_in(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect()
+    }
+
+    fn put(path: &Path, bytes: &[u8]) {
+        write_atomically(path, |out| out.write_all(bytes)).unwrap();
+    }
+
+    #[test]
+    fn a_file_appears_whole_in_folders_made_for_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b/out.txt");
+        put(&path, b"first");
+        put(&path, b"second");
+        assert_eq!(std::fs::read(&path).unwrap(), b"second");
+        assert_eq!(names_in(path.parent().unwrap()), ["out.txt"]);
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.txt");
+        put(&path, b"old");
+        let error = write_atomically(&path, |out| {
+            out.write_all(b"new")?;
+            Err(std::io::Error::other("the disk is full"))
+        });
+        let error = error.unwrap_err().to_string();
+        assert!(
+            error.contains("out.txt: cannot write: the disk is full"),
+            "{error}"
+        );
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(names_in(folder.path()), ["out.txt"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn permissions_are_those_of_a_plain_new_file() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.txt");
+        put(&path, b"x");
+        let plain = folder.path().join("plain.txt");
+        std::fs::OpenOptions::new()
+            .create(true)
+            .truncate(true)
+            .write(true)
+            .open(&plain)
+            .unwrap();
+        let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+        assert_eq!(mode(&path), mode(&plain));
+    }
+
+    #[test]
+    fn a_path_that_cannot_be_written_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        put(&folder.path().join("file"), b"x");
+        let inside = folder.path().join("file/out.txt");
+        let error = write_atomically(&inside, |_| Ok(()))
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("cannot create the folder"), "{error}");
+        let error = write_atomically(folder.path(), |_| Ok(()))
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("cannot replace"), "{error}");
+    }
+
+    #[test]
+    fn texts_are_utf8_with_or_without_a_mark() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.txt");
+        put(&path, b"\xef\xbb\xbf1 2");
+        assert_eq!(read_text(&path).unwrap(), "1 2");
+        put(&path, b"ab\xff\xfe");
+        let error = read_text(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("t.txt: byte 2: expected text in UTF-8"),
+            "{error}"
+        );
+        put(&path, b"");
+        assert_eq!(read_text(&path).unwrap(), "");
+    }
+
+    #[test]
+    fn every_reader_names_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("missing");
+        let readers: [fn(&Path) -> Option<Error>; 7] = [
+            |path| read_text(path).err(),
+            |path| read_cloud(path).err(),
+            |path| read_image(path).err(),
+            |path| read_depth(path).err(),
+            |path| read_similarity(path).err(),
+            |path| read_crop(path).err(),
+            |path| read_raster(path).err(),
+        ];
+        let garbage = folder.path().join("garbage");
+        put(&garbage, b"\x00\x01\x02\xff\xfe not a file of any kind");
+        for read in readers {
+            let error = read(&missing).unwrap().to_string();
+            assert!(
+                error.contains("missing: cannot open: No such file"),
+                "{error}"
+            );
+            let error = read(folder.path()).unwrap().to_string();
+            assert!(error.contains("expected a file, found a folder"), "{error}");
+            let error = read(&garbage).unwrap().to_string();
+            assert!(
+                error.contains("garbage: ") && error.contains("expected"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_transform_that_is_no_similarity_names_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s_trans.txt");
+        put(&path, b"1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1\n");
+        let error = read_similarity(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("s_trans.txt: similarity transform: expected a rotation"),
+            "{error}"
+        );
+    }
 }

@@ -1,9 +1,24 @@
 //! A Tanks and Temples scene folder.
 
-use crate::error::Result;
-use crate::format::log::{LogPose, Mapping};
+use super::files;
+use crate::error::{Error, Result};
+use crate::format::log::{self, LogPose, Mapping};
 use crate::scene::{CropVolume, PointCloud, Similarity};
 use std::path::{Path, PathBuf};
+
+/// τ of the training set in metres, as the toolbox's `setup.py` lists it.
+const TOLERANCES: [(&str, f64); 7] = [
+    ("Barn", 0.01),
+    ("Caterpillar", 0.005),
+    ("Church", 0.025),
+    ("Courthouse", 0.025),
+    ("Ignatius", 0.003),
+    ("Meetingroom", 0.01),
+    ("Truck", 0.005),
+];
+
+/// What follows the scene's name in the names of the four files that are needed.
+const SUFFIXES: [&str; 4] = [".ply", ".json", "_COLMAP_SfM.log", "_trans.txt"];
 
 /// The files of `D/<Scene>/`, found but not read.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -25,37 +40,188 @@ pub struct TntFolder {
 impl TntFolder {
     /// Finds the scene's files in `folder`. The name is the folder's unless given; what is missing
     /// is said at once.
-    pub fn open(_folder: &Path, _name: Option<&str>) -> Result<Self> {
-        todo!()
+    pub fn open(folder: &Path, name: Option<&str>) -> Result<Self> {
+        let name = match name {
+            Some(name) => name.to_owned(),
+            None => name_of(folder)?,
+        };
+        let path = |suffix: &str| folder.join(format!("{name}{suffix}"));
+        let missing: Vec<String> = SUFFIXES
+            .iter()
+            .filter(|suffix| !path(suffix).is_file())
+            .map(|suffix| format!("{name}{suffix}"))
+            .collect();
+        if !missing.is_empty() {
+            return Err(Error::layout(folder, said_missing(folder, &missing)));
+        }
+        let [truth, crop, trajectory, transform] = SUFFIXES.map(path);
+        let mapping = Some(path("_mapping_reference.txt")).filter(|path| path.is_file());
+        Ok(Self {
+            truth,
+            crop,
+            trajectory,
+            transform,
+            mapping,
+            name,
+        })
     }
 
     /// Reads the scan.
     pub fn read_truth(&self) -> Result<PointCloud> {
-        todo!()
+        files::read_cloud(&self.truth)
     }
 
     /// Reads the crop volume.
     pub fn read_crop(&self) -> Result<CropVolume> {
-        todo!()
+        files::read_crop(&self.crop)
     }
 
     /// Reads the reference trajectory.
     pub fn read_trajectory(&self) -> Result<Vec<LogPose>> {
-        todo!()
+        read_trajectory(&self.trajectory)
     }
 
     /// Reads the transform from the reference trajectory's frame to the scan's.
     pub fn read_transform(&self) -> Result<Similarity> {
-        todo!()
+        files::read_similarity(&self.transform)
     }
 
     /// Reads the mapping file, if there is one.
     pub fn read_mapping(&self) -> Result<Option<Mapping>> {
-        todo!()
+        self.mapping
+            .as_deref()
+            .map(|path| files::read_text_with(path, log::read_mapping))
+            .transpose()
     }
 }
 
+/// Reads any `.log`.
+pub fn read_trajectory(path: &Path) -> Result<Vec<LogPose>> {
+    files::read_text_with(path, log::read)
+}
+
+/// The folder's own name, also for `.` and `..`.
+fn name_of(folder: &Path) -> Result<String> {
+    let real = folder.canonicalize().map_err(Error::io(folder, "open"))?;
+    let name = real.file_name().and_then(|name| name.to_str());
+    name.map(str::to_owned).ok_or_else(|| {
+        Error::layout(
+            folder,
+            "expected a folder with a name, found none: give the scene's name",
+        )
+    })
+}
+
+/// What is missing, and which other name would fit.
+fn said_missing(folder: &Path, missing: &[String]) -> String {
+    let mut said = format!(
+        "expected the files of a Tanks and Temples scene, found no {}",
+        missing.join(", no ")
+    );
+    if let Some(other) = other_name(folder) {
+        said.push_str(&format!(
+            ": the folder holds the files of `{other}`, give that as the scene's name"
+        ));
+    }
+    said
+}
+
+/// The one name all four files of which are in the folder.
+fn other_name(folder: &Path) -> Option<String> {
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .ok()?
+        .filter_map(|entry| {
+            let name = entry.ok()?.file_name().into_string().ok()?;
+            Some(name.strip_suffix("_trans.txt")?.to_owned())
+        })
+        .filter(|name| {
+            SUFFIXES
+                .iter()
+                .all(|suffix| folder.join(format!("{name}{suffix}")).is_file())
+        })
+        .collect();
+    let only = names.pop();
+    only.filter(|_| names.is_empty())
+}
+
 /// τ of the seven training scenes in metres; `None` for other names.
-pub fn known_tolerance(_scene: &str) -> Option<f64> {
-    todo!()
+pub fn known_tolerance(scene: &str) -> Option<f64> {
+    let known = TOLERANCES
+        .iter()
+        .find(|(name, _)| name.eq_ignore_ascii_case(scene));
+    known.map(|&(_, tolerance)| tolerance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn put(path: &Path, text: &str) {
+        files::write_atomically(path, |out| out.write_all(text.as_bytes())).unwrap();
+    }
+
+    fn scene_in(folder: &Path, name: &str) {
+        put(&folder.join(format!("{name}.ply")), "ply\n");
+        put(&folder.join(format!("{name}.json")), "{}");
+        put(
+            &folder.join(format!("{name}_COLMAP_SfM.log")),
+            "0 0 0\n1 0 0 5\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
+        );
+        put(
+            &folder.join(format!("{name}_trans.txt")),
+            "2 0 0 0\n0 2 0 0\n0 0 2 0\n0 0 0 1\n",
+        );
+    }
+
+    #[test]
+    fn the_folder_names_the_scene() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("Barn");
+        scene_in(&folder, "Barn");
+        let tnt = TntFolder::open(&folder, None).unwrap();
+        assert_eq!((tnt.name.as_str(), &tnt.mapping), ("Barn", &None));
+        assert_eq!(
+            tnt.read_trajectory().unwrap()[0].world_from_cam.w_axis.x,
+            5.0
+        );
+        assert_eq!(tnt.read_transform().unwrap().scale(), 2.0);
+        assert_eq!(tnt.read_mapping().unwrap(), None);
+        put(&folder.join("Barn_mapping_reference.txt"), "1\n9\n0 9\n");
+        let mapping = TntFolder::open(&folder, None)
+            .unwrap()
+            .read_mapping()
+            .unwrap();
+        assert_eq!(mapping.unwrap().frames, [(0, 9)]);
+        let error = tnt.read_crop().unwrap_err().to_string();
+        assert!(error.contains("Barn.json: line 1"), "{error}");
+    }
+
+    #[test]
+    fn all_that_is_missing_is_said_at_once() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("pair");
+        scene_in(&folder, "church");
+        let error = TntFolder::open(&folder, None).unwrap_err().to_string();
+        assert!(
+            error.contains("no pair.ply, no pair.json, no pair_COLMAP_SfM.log"),
+            "{error}"
+        );
+        assert!(error.contains("holds the files of `church`"), "{error}");
+        assert_eq!(
+            TntFolder::open(&folder, Some("church")).unwrap().name,
+            "church"
+        );
+        let error = TntFolder::open(&root.path().join("none"), None)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("none: cannot open"), "{error}");
+    }
+
+    #[test]
+    fn the_seven_scenes_have_a_tolerance() {
+        assert_eq!(known_tolerance("Ignatius"), Some(0.003));
+        assert_eq!(known_tolerance("truck"), Some(0.005));
+        assert_eq!(known_tolerance("Panther"), None);
+    }
 }
