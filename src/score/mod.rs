@@ -1,1 +1,12 @@
 //! Truth + reconstruction → scores, one file per protocol.
+//!
+//! [`points`] and [`evaluation`] are what the protocols share; [`plain`] judges clouds that share a
+//! frame, [`tnt`] follows the Tanks and Temples toolbox. Nothing here knows a path.
+
+pub mod evaluation;
+pub mod plain;
+pub mod points;
+pub mod tnt;
+
+pub use evaluation::{Evaluation, Side, SideCounts};
+pub use points::FinitePoints;
