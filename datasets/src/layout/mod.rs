@@ -3,5 +3,6 @@
 
 pub mod files;
 pub mod mesh;
+pub mod mesh_out;
 pub mod mvsnet;
 pub mod tnt;
