@@ -5,6 +5,7 @@
 
 mod bars;
 mod common;
+mod fuse;
 mod inspect;
 mod output;
 mod render;
@@ -44,6 +45,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Render(render::RenderArgs),
+    Fuse(fuse::FuseArgs),
     Inspect(inspect::InspectArgs),
     Replay(replay::ReplayArgs),
 }
@@ -76,6 +78,7 @@ pub(crate) fn main() -> ExitCode {
 fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
     match command {
         Command::Render(args) => render::run(args, global),
+        Command::Fuse(args) => fuse::run(args, global),
         Command::Inspect(args) => inspect::run(args, global),
         Command::Replay(args) => replay::run(args, global),
     }
