@@ -8,5 +8,6 @@
 )]
 
 mod architecture;
+mod generate;
 mod parity;
 mod render;

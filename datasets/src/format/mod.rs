@@ -8,6 +8,7 @@ pub mod cam;
 pub mod crop;
 pub mod image;
 pub mod log;
+pub mod npy;
 pub mod pair;
 pub mod pfm;
 pub mod ply;
