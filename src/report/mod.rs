@@ -1,1 +1,9 @@
-//! Records to files that people read.
+//! Records to files that people read. Pure: values in, bytes out.
+
+pub mod colormap;
+pub mod leaderboard;
+pub mod record;
+pub mod table;
+pub mod table_csv;
+pub mod table_md;
+pub mod table_tex;

@@ -11,3 +11,4 @@ mod architecture;
 mod generate;
 mod parity;
 mod render;
+mod report;

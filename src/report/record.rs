@@ -1,0 +1,352 @@
+//! Records: one row per method, scene and threshold, as `results.csv` holds them.
+
+use mvs_datasets::FormatError;
+use serde::{Deserialize, Serialize};
+use std::io::{Read, Write};
+
+/// The version of the columns of `results.csv`; its default is this program's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Schema(u32);
+
+impl Default for Schema {
+    fn default() -> Self {
+        Self(1)
+    }
+}
+
+/// The columns of `results.csv`: the fields of [`Record`].
+const COLUMNS: [&str; 43] = [
+    "schema",
+    "protocol",
+    "profile",
+    "method",
+    "group",
+    "split",
+    "scene",
+    "threshold",
+    "unit",
+    "precision",
+    "recall",
+    "fscore",
+    "acc_mean",
+    "acc_median",
+    "comp_mean",
+    "comp_median",
+    "overall",
+    "f_ci_lo",
+    "f_ci_hi",
+    "n_rec_in",
+    "n_rec_crop",
+    "n_rec_eval",
+    "n_truth_in",
+    "n_truth_crop",
+    "n_truth_eval",
+    "align",
+    "align_scale",
+    "traj_inliers",
+    "traj_rmse",
+    "icp_fitness",
+    "icp_rmse",
+    "icp_iterations",
+    "mesh_sampling",
+    "seed",
+    "status",
+    "seconds",
+    "peak_mib",
+    "tool_version",
+    "rec_sha256",
+    "truth_sha256",
+    "crop_sha256",
+    "log_sha256",
+    "trans_sha256",
+];
+
+/// One scored reconstruction at one threshold. The fields are the columns of `results.csv` in
+/// order; an empty text or `None` is an empty cell: not known, or not part of the protocol.
+///
+/// Fractions run from 0 to 1. Distances are in `unit`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// Version of the columns.
+    pub schema: Schema,
+    /// The procedure that turned distances into scores: `tnt`, `plain`, `eth3d`, `dtu`.
+    pub protocol: String,
+    /// The named variant of the protocol: `official`, `strict`.
+    pub profile: String,
+    /// The judged system.
+    pub method: String,
+    /// What the methods are grouped by, such as the training set; often empty.
+    pub group: String,
+    /// The part of the benchmark: `training`, `intermediate`.
+    pub split: String,
+    /// The scene.
+    pub scene: String,
+    /// The distance threshold τ, in `unit`.
+    pub threshold: Option<f64>,
+    /// The unit of all distances: `m`, `mm`, `world`.
+    pub unit: String,
+    /// Fraction of the reconstruction within the threshold of the truth.
+    pub precision: Option<f64>,
+    /// Fraction of the truth within the threshold of the reconstruction.
+    pub recall: Option<f64>,
+    /// Harmonic mean of precision and recall.
+    pub fscore: Option<f64>,
+    /// Mean distance from reconstruction to truth.
+    pub acc_mean: Option<f64>,
+    /// Median distance from reconstruction to truth.
+    pub acc_median: Option<f64>,
+    /// Mean distance from truth to reconstruction.
+    pub comp_mean: Option<f64>,
+    /// Median distance from truth to reconstruction.
+    pub comp_median: Option<f64>,
+    /// Mean of `acc_mean` and `comp_mean`.
+    pub overall: Option<f64>,
+    /// Lower end of the F-score's confidence interval.
+    pub f_ci_lo: Option<f64>,
+    /// Upper end of the F-score's confidence interval.
+    pub f_ci_hi: Option<f64>,
+    /// Points of the reconstruction as read.
+    pub n_rec_in: Option<u64>,
+    /// Points of the reconstruction inside the crop volume.
+    pub n_rec_crop: Option<u64>,
+    /// Points of the reconstruction that were judged.
+    pub n_rec_eval: Option<u64>,
+    /// Points of the truth as read.
+    pub n_truth_in: Option<u64>,
+    /// Points of the truth inside the crop volume.
+    pub n_truth_crop: Option<u64>,
+    /// Points of the truth that were judged.
+    pub n_truth_eval: Option<u64>,
+    /// How the reconstruction was aligned: `none`, `transform`, `trajectory`.
+    pub align: String,
+    /// The alignment's scale.
+    pub align_scale: Option<f64>,
+    /// Camera centres that the trajectory fit agrees with.
+    pub traj_inliers: Option<u64>,
+    /// Root mean square residual of those.
+    pub traj_rmse: Option<f64>,
+    /// Fraction of points matched by the last ICP stage.
+    pub icp_fitness: Option<f64>,
+    /// Root mean square distance of those.
+    pub icp_rmse: Option<f64>,
+    /// ICP iterations, all stages together.
+    pub icp_iterations: Option<u64>,
+    /// How a mesh was turned into points; empty when it was a cloud.
+    pub mesh_sampling: String,
+    /// Seed of everything random.
+    pub seed: Option<u64>,
+    /// `ok`, or what is wrong.
+    pub status: String,
+    /// Wall-clock time of the scoring.
+    pub seconds: Option<f64>,
+    /// Peak memory of the scoring.
+    pub peak_mib: Option<f64>,
+    /// Version of this program.
+    pub tool_version: String,
+    /// Hash of the reconstruction's file.
+    pub rec_sha256: String,
+    /// Hash of the truth's file.
+    pub truth_sha256: String,
+    /// Hash of the crop volume's file.
+    pub crop_sha256: String,
+    /// Hash of the trajectory's file.
+    pub log_sha256: String,
+    /// Hash of the transform's file.
+    pub trans_sha256: String,
+}
+
+impl Record {
+    /// By what rows are sorted: comparable rows stand together, thresholds ascend.
+    fn order(&self, other: &Self) -> std::cmp::Ordering {
+        let texts = |record: &Self| {
+            [
+                record.protocol.clone(),
+                record.profile.clone(),
+                record.group.clone(),
+                record.split.clone(),
+                record.method.clone(),
+                record.scene.clone(),
+            ]
+        };
+        let threshold = |record: &Self| record.threshold.unwrap_or(f64::NEG_INFINITY);
+        texts(self)
+            .cmp(&texts(other))
+            .then(threshold(self).total_cmp(&threshold(other)))
+    }
+
+    /// The first value that cannot be, if any.
+    fn problem(&self) -> Option<String> {
+        let (Schema(known), Schema(found)) = (Schema::default(), self.schema);
+        if found != known {
+            return Some(format!("schema: expected {known}, found {found}"));
+        }
+        let fractions = [
+            ("precision", self.precision),
+            ("recall", self.recall),
+            ("fscore", self.fscore),
+            ("f_ci_lo", self.f_ci_lo),
+            ("f_ci_hi", self.f_ci_hi),
+        ];
+        let out_of_range = |value: f64| !(0.0..=1.0).contains(&value);
+        fractions.into_iter().find_map(|(name, value)| {
+            let value = value.filter(|&value| out_of_range(value))?;
+            Some(format!("{name}: expected 0 to 1, found {value}"))
+        })
+    }
+}
+
+/// Writes `results.csv`: a header and the records, sorted; numbers as the shortest text that reads
+/// back to the same value.
+pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
+    let mut sorted: Vec<&Record> = records.iter().collect();
+    sorted.sort_by(|a, b| a.order(b));
+    let mut writer = csv::WriterBuilder::new()
+        .has_headers(false)
+        .from_writer(out);
+    writer.write_record(COLUMNS)?;
+    for record in sorted {
+        writer.serialize(record).map_err(std::io::Error::other)?;
+    }
+    writer.flush()
+}
+
+/// Reads `results.csv`. The columns must be those of this version, in order; every fraction lies
+/// between 0 and 1.
+pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
+    let mut reader = csv::Reader::from_reader(source);
+    let found = reader.headers().map_err(at_line(1))?.clone();
+    check_header(&found)?;
+    let mut records = Vec::new();
+    for (index, row) in reader.deserialize::<Record>().enumerate() {
+        // The header is line 1.
+        let line = index as u64 + 2;
+        let record = row.map_err(at_line(line))?;
+        if let Some(problem) = record.problem() {
+            return Err(FormatError::new(format!("line {line}"), problem));
+        }
+        records.push(record);
+    }
+    Ok(records)
+}
+
+fn at_line(line: u64) -> impl FnOnce(csv::Error) -> FormatError {
+    move |error| {
+        let line = error.position().map_or(line, csv::Position::line);
+        let problem = match error.kind() {
+            csv::ErrorKind::Deserialize { err, .. } => {
+                let column = err.field().and_then(|field| COLUMNS.get(field as usize));
+                match column {
+                    Some(column) => format!("{column}: {}", err.kind()),
+                    None => err.kind().to_string(),
+                }
+            }
+            csv::ErrorKind::UnequalLengths {
+                expected_len, len, ..
+            } => {
+                format!("expected {expected_len} cells, found {len}")
+            }
+            _ => error.to_string(),
+        };
+        FormatError::new(format!("line {line}"), problem)
+    }
+}
+
+fn check_header(found: &csv::StringRecord) -> Result<(), FormatError> {
+    for (index, name) in COLUMNS.into_iter().enumerate() {
+        let cell = found.get(index).unwrap_or("nothing");
+        if cell != name {
+            let place = format!("header, column {}", index + 1);
+            return Err(FormatError::new(
+                place,
+                format!("expected {name}, found {cell}"),
+            ));
+        }
+    }
+    match found.get(COLUMNS.len()) {
+        Some(extra) => Err(FormatError::new(
+            "header",
+            format!(
+                "expected {} columns, found one more: {extra}",
+                COLUMNS.len()
+            ),
+        )),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(method: &str, scene: &str, threshold: f64) -> Record {
+        Record {
+            protocol: "tnt".into(),
+            method: method.into(),
+            scene: scene.into(),
+            threshold: Some(threshold),
+            precision: Some(1.0 / 3.0),
+            recall: Some(0.1 + 0.2),
+            n_rec_in: Some(u64::MAX),
+            status: "ok, \"quoted\"".into(),
+            ..Record::default()
+        }
+    }
+
+    fn written(records: &[Record]) -> String {
+        let mut bytes = Vec::new();
+        write(&mut bytes, records).unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn columns_are_the_fields_in_order() {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        writer.serialize(Record::default()).unwrap();
+        let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
+        assert_eq!(text.lines().next().unwrap(), COLUMNS.join(","));
+        assert_eq!(written(&[]).trim_end(), COLUMNS.join(","));
+    }
+
+    #[test]
+    fn what_is_written_reads_back_sorted() {
+        let (a, b) = (
+            record("alpha", "Barn", 0.01),
+            record("alpha", "Barn", 0.002),
+        );
+        let c = record("alpha", "Apse", 0.5);
+        let text = written(&[a.clone(), b.clone(), c.clone()]);
+        assert_eq!(read(text.as_bytes()).unwrap(), [c, b, a]);
+        let row = "1,tnt,,alpha,,,Apse,0.5,,0.3333333333333333,0.30000000000000004,,,,,,,,,\
+                   18446744073709551615,,,,,,,,,,,,,,,\"ok, \"\"quoted\"\"\",,,,,,,,";
+        assert_eq!(text.lines().nth(1), Some(row));
+    }
+
+    #[test]
+    fn bad_tables_are_refused_with_place_and_numbers() {
+        let good = written(&[record("a", "b", 0.5)]);
+        let fails = |text: &str| read(text.as_bytes()).unwrap_err().to_string();
+        let high = good.replace("0.3333333333333333", "1.5");
+        assert_eq!(
+            fails(&high),
+            "line 2: precision: expected 0 to 1, found 1.5"
+        );
+        let newer = good.replace("\n1,", "\n2,");
+        assert_eq!(fails(&newer), "line 2: schema: expected 1, found 2");
+        let renamed = good.replace("recall", "completeness");
+        assert_eq!(
+            fails(&renamed),
+            "header, column 11: expected recall, found completeness"
+        );
+        let word = good.replace("0.3333333333333333", "third");
+        assert!(
+            fails(&word).starts_with("line 2: precision: "),
+            "{}",
+            fails(&word)
+        );
+        let short = format!("{good}1,tnt\n");
+        assert_eq!(fails(&short), "line 3: expected 43 cells, found 2");
+        assert!(fails("").contains("expected schema, found nothing"));
+    }
+}
