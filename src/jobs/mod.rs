@@ -4,9 +4,7 @@
 //! stores and what replays it. Each file has the struct and a `run(&job, &context)` that returns
 //! an outcome which the command line prints.
 
-pub mod blend;
 pub mod fuse;
-pub mod generate;
 pub mod inspect;
 mod out;
 pub mod render;

@@ -8,7 +8,7 @@
 )]
 
 mod architecture;
-mod generate;
+mod meshes;
 mod parity;
 mod render;
 mod report;

@@ -1,0 +1,227 @@
+//! MTL: the materials of OBJ files. Only what shows is read: `Kd` and `map_Kd`.
+
+use super::obj::{fields, lines, rest_of_line};
+use crate::error::FormatError;
+use glam::Vec2;
+
+/// A material as its file states it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MtlMaterial {
+    /// After `newmtl`; empty when unnamed.
+    pub name: String,
+    /// `Kd` as 8-bit sRGB, if stated as three numbers.
+    pub color: Option<[u8; 3]>,
+    /// `map_Kd`, if stated.
+    pub texture: Option<MtlTexture>,
+}
+
+/// A texture image and how it lies on the surface: `image = coordinate · scale + offset`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MtlTexture {
+    /// The image's path as written.
+    pub file: String,
+    /// Option `-s`; 1 by default.
+    pub scale: Vec2,
+    /// Option `-o`; 0 by default.
+    pub offset: Vec2,
+}
+
+/// Reads all materials in order. Statements before the first `newmtl` and unknown ones are skipped.
+pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
+    let mut materials: Vec<MtlMaterial> = Vec::new();
+    for (number, line) in lines(bytes)? {
+        let keyword = fields(&line)
+            .next()
+            .unwrap_or_default()
+            .to_ascii_lowercase();
+        if keyword == b"newmtl" {
+            materials.push(MtlMaterial {
+                name: rest_of_line(&line),
+                color: None,
+                texture: None,
+            });
+        }
+        let Some(material) = materials.last_mut() else {
+            continue;
+        };
+        match keyword.as_slice() {
+            b"kd" => material.color = read_color(&line, number)?,
+            b"map_kd" => material.texture = read_texture(&rest_of_line(&line)),
+            _ => {}
+        }
+    }
+    Ok(materials)
+}
+
+/// `Kd r g b`, `Kd grey`; `None` for spectral files and CIE coordinates.
+fn read_color(line: &[u8], number: usize) -> Result<Option<[u8; 3]>, FormatError> {
+    let words: Vec<String> = fields(line)
+        .skip(1)
+        .map(|word| String::from_utf8_lossy(word).into_owned())
+        .collect();
+    if words
+        .first()
+        .is_some_and(|word| word == "spectral" || word == "xyz")
+    {
+        return Ok(None);
+    }
+    let values: Vec<f64> = words.iter().filter_map(|word| word.parse().ok()).collect();
+    let [r, g, b] = match values[..] {
+        [grey] => [grey; 3],
+        [r, g, b, ..] => [r, g, b],
+        _ => {
+            let problem = format!(
+                "expected `Kd` and three numbers, found {:?}",
+                words.join(" ")
+            );
+            return Err(FormatError::new(format!("line {number}"), problem));
+        }
+    };
+    Ok(Some([r, g, b].map(super::obj::byte_of_fraction)))
+}
+
+/// The options and the file name, which may hold spaces, after `map_Kd`.
+fn read_texture(text: &str) -> Option<MtlTexture> {
+    let mut texture = MtlTexture {
+        file: String::new(),
+        scale: Vec2::ONE,
+        offset: Vec2::ZERO,
+    };
+    let mut rest = text.trim();
+    while let Some(option) = rest.strip_prefix('-') {
+        let (name, after) = option.split_once(char::is_whitespace)?;
+        let most = match name {
+            "o" | "s" | "t" => 3,
+            "mm" => 2,
+            "blendu" | "blendv" | "boost" | "cc" | "clamp" | "texres" | "bm" | "imfchan"
+            | "type" | "colorspace" => 1,
+            _ => break,
+        };
+        let (values, after) = arguments(after, most);
+        let target = match name {
+            "s" => Some(&mut texture.scale),
+            "o" => Some(&mut texture.offset),
+            _ => None,
+        };
+        if let Some(target) = target {
+            target.x = values.first().copied().unwrap_or(target.x);
+            target.y = values.get(1).copied().unwrap_or(target.y);
+        }
+        rest = after;
+    }
+    texture.file = rest.to_owned();
+    (!rest.is_empty()).then_some(texture)
+}
+
+/// Up to `most` arguments at the front of `text`, and what follows them. Options with one argument
+/// take any word; the others take numbers, of which there may be fewer.
+fn arguments(text: &str, most: usize) -> (Vec<f32>, &str) {
+    let mut values = Vec::new();
+    let mut rest = text.trim_start();
+    for _ in 0..most {
+        let (word, after) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
+        match word.parse() {
+            Ok(value) if !after.is_empty() => values.push(value),
+            _ if most == 1 && !after.is_empty() => {}
+            _ => break,
+        }
+        rest = after.trim_start();
+    }
+    (values, rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn only(text: &str) -> MtlMaterial {
+        read_mtl(text.as_bytes()).unwrap().remove(0)
+    }
+
+    #[test]
+    fn names_colours_and_textures_are_read() {
+        let text =
+            "# x\nKd 9 9 9\nnewmtl  two words \n\tKd 1 0.5 0\nmap_Kd a.png\n newmtl\nKd .2\n";
+        let materials = read_mtl(text.as_bytes()).unwrap();
+        assert_eq!(
+            (materials[0].name.as_str(), materials[0].color),
+            ("two words", Some([255, 128, 0]))
+        );
+        assert_eq!(materials[0].texture.as_ref().unwrap().file, "a.png");
+        assert_eq!(
+            (materials[1].name.as_str(), materials[1].color),
+            ("", Some([51; 3]))
+        );
+    }
+
+    #[test]
+    fn options_stand_before_names_with_spaces() {
+        let cases = [
+            (
+                "map_Kd texture 01.png",
+                "texture 01.png",
+                Vec2::ONE,
+                Vec2::ZERO,
+            ),
+            (
+                "map_kd -s 2 3 1 -o 0.5 0 0 my file.png",
+                "my file.png",
+                Vec2::new(2.0, 3.0),
+                Vec2::new(0.5, 0.0),
+            ),
+            (
+                "map_Kd -o 0.1 diffuse.jpg",
+                "diffuse.jpg",
+                Vec2::ONE,
+                Vec2::new(0.1, 0.0),
+            ),
+            (
+                "map_Kd -colorspace sRGB -o 0.1 2.jpg",
+                "2.jpg",
+                Vec2::ONE,
+                Vec2::new(0.1, 0.0),
+            ),
+            (
+                "map_Kd -blendu on -type sphere -mm 0 1 d.jpg",
+                "d.jpg",
+                Vec2::ONE,
+                Vec2::ZERO,
+            ),
+            (
+                "map_Kd -clamp on\t-texres 512 .\\in put.jpg",
+                ".\\in put.jpg",
+                Vec2::ONE,
+                Vec2::ZERO,
+            ),
+            (
+                "map_Kd -odd name.jpg",
+                "-odd name.jpg",
+                Vec2::ONE,
+                Vec2::ZERO,
+            ),
+            ("map_Kd -s 1 1 7", "7", Vec2::ONE, Vec2::ZERO),
+        ];
+        for (line, file, scale, offset) in cases {
+            let texture = only(&format!("newmtl m\n{line}")).texture.unwrap();
+            let file = file.to_owned();
+            assert_eq!(
+                texture,
+                MtlTexture {
+                    file,
+                    scale,
+                    offset
+                },
+                "{line}"
+            );
+        }
+        assert_eq!(only("newmtl m\nmap_Kd -s 1 1").texture.unwrap().file, "1");
+        assert_eq!(only("newmtl m\nmap_Kd").texture, None);
+    }
+
+    #[test]
+    fn a_colour_that_is_none_is_named() {
+        let error = read_mtl(b"newmtl m\n\nKd red").unwrap_err().to_string();
+        assert!(error.contains("line 3") && error.contains("red"), "{error}");
+        assert_eq!(only("newmtl m\nKd spectral file.rfl").color, None);
+    }
+}

@@ -1,0 +1,145 @@
+//! Polygons cut into triangles.
+
+use glam::{DVec2, DVec3};
+
+/// Corners up to which a concave polygon is cut properly; beyond, it becomes a fan.
+const MOST_CORNERS: usize = 1024;
+
+/// Triangles, as indices into `corners`, that fill a polygon without crossing its outline: a fan
+/// where the polygon is convex, else ears cut off one by one (Meisters, "Polygons have ears",
+/// 1975). Outlines that cross themselves come out as a fan of what is left.
+pub(crate) fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
+    if corners.len() == 3 {
+        return vec![[0, 1, 2]];
+    }
+    let flat = flattened(corners);
+    let mut left: Vec<usize> = (0..corners.len()).collect();
+    let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
+    if corners.len() <= MOST_CORNERS {
+        while left.len() > 3 && !is_convex(&flat, &left) {
+            let Some(tip) = (0..left.len()).find(|&tip| is_ear(&flat, &left, tip)) else {
+                break;
+            };
+            triangles.push(around(&left, tip));
+            left.remove(tip);
+        }
+    }
+    triangles.extend((2..left.len()).map(|i| [left[0], left[i - 1], left[i]]));
+    triangles
+}
+
+/// The corners in the plane of the polygon's mean normal (Newell), counter-clockwise.
+fn flattened(corners: &[DVec3]) -> Vec<DVec2> {
+    let next = corners.iter().cycle().skip(1);
+    let normal: DVec3 = corners
+        .iter()
+        .zip(next)
+        .map(|(a, b)| (*a - corners[0]).cross(*b - corners[0]))
+        .sum();
+    let Some(normal) = normal.try_normalize() else {
+        return vec![DVec2::ZERO; corners.len()];
+    };
+    let (u, v) = normal.any_orthonormal_pair();
+    let flat =
+        |corner: &DVec3| DVec2::new((*corner - corners[0]).dot(u), (*corner - corners[0]).dot(v));
+    corners.iter().map(flat).collect()
+}
+
+/// The corner at `tip` between its neighbours.
+fn around(left: &[usize], tip: usize) -> [usize; 3] {
+    let count = left.len();
+    [
+        left[(tip + count - 1) % count],
+        left[tip],
+        left[(tip + 1) % count],
+    ]
+}
+
+/// Twice the signed area of a triangle; positive when counter-clockwise.
+fn turn(flat: &[DVec2], [a, b, c]: [usize; 3]) -> f64 {
+    (flat[b] - flat[a]).perp_dot(flat[c] - flat[a])
+}
+
+fn is_convex(flat: &[DVec2], left: &[usize]) -> bool {
+    (0..left.len()).all(|tip| turn(flat, around(left, tip)) >= 0.0)
+        && (2..left.len()).all(|i| turn(flat, [left[0], left[i - 1], left[i]]) >= 0.0)
+}
+
+/// Whether the triangle at `tip` turns left and holds no other corner.
+fn is_ear(flat: &[DVec2], left: &[usize], tip: usize) -> bool {
+    let [a, b, c] = around(left, tip);
+    let inside = |other: usize| {
+        let distinct = [a, b, c].iter().all(|&own| flat[own] != flat[other]);
+        distinct
+            && turn(flat, [a, b, other]) >= 0.0
+            && turn(flat, [b, c, other]) >= 0.0
+            && turn(flat, [c, a, other]) >= 0.0
+    };
+    turn(flat, [a, b, c]) > 0.0 && !left.iter().any(|&other| inside(other))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area(corners: &[DVec3], triangles: &[[usize; 3]]) -> f64 {
+        triangles
+            .iter()
+            .map(|t| {
+                let [a, b, c] = t.map(|i| corners[i]);
+                0.5 * (b - a).cross(c - a).length()
+            })
+            .sum()
+    }
+
+    fn lifted(outline: &[(f64, f64)]) -> Vec<DVec3> {
+        outline
+            .iter()
+            .map(|&(x, y)| DVec3::new(x, 2.0 * y, 3.0 * y + 1e6))
+            .collect()
+    }
+
+    #[test]
+    fn convex_polygons_become_fans() {
+        let square = lifted(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]);
+        assert_eq!(triangulate(&square), [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn concave_polygons_keep_their_area() {
+        // An arrow head whose fan from the first corner would spill out, and a comb.
+        let arrow = [(0.0, 0.0), (2.0, -1.0), (1.0, 0.0), (2.0, 1.0)];
+        let comb = [
+            (0.0, 0.0),
+            (5.0, 0.0),
+            (5.0, 3.0),
+            (4.0, 1.0),
+            (3.0, 3.0),
+            (2.0, 1.0),
+            (1.0, 3.0),
+        ];
+        for (outline, flat_area) in [(&arrow[..], 1.0), (&comb[..], 9.5)] {
+            for turn in 0..outline.len() {
+                let mut outline = outline.to_vec();
+                outline.rotate_left(turn);
+                let corners = lifted(&outline);
+                let triangles = triangulate(&corners);
+                assert_eq!(triangles.len(), outline.len() - 2);
+                let expected = flat_area * 13.0f64.sqrt();
+                assert!(
+                    (area(&corners, &triangles) - expected).abs() < 1e-6,
+                    "{outline:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn nonsense_outlines_still_end() {
+        let crossed = lifted(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (2.0, 5.0)]);
+        assert_eq!(triangulate(&crossed).len(), 3);
+        assert_eq!(triangulate(&[DVec3::ONE; 6]).len(), 4);
+        let winding: Vec<DVec3> = (0..5000).map(|i| crossed[i % 5]).collect();
+        assert_eq!(triangulate(&winding).len(), 4998);
+    }
+}

@@ -1,0 +1,259 @@
+//! Material libraries and textures, found the way people ship them.
+
+use super::files::{read_image, read_with};
+use crate::error::Result;
+use crate::format::mtl::{MtlMaterial, read_mtl};
+use crate::format::obj::MaterialUse;
+use crate::scene::{ColorImage, Corner, Material};
+use glam::Vec2;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Textures read so far, each once, and what was odd.
+#[derive(Debug, Default)]
+pub(super) struct Library {
+    textures: BTreeMap<PathBuf, Option<Arc<ColorImage>>>,
+    notes: Vec<String>,
+}
+
+/// The materials that one mesh file may use, by name, with the library file that states each.
+pub(super) type KnownMaterials = BTreeMap<String, (MtlMaterial, PathBuf)>;
+
+/// How texture coordinates are moved by a material's texture options.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placement {
+    scale: Vec2,
+    offset: Vec2,
+}
+
+impl Placement {
+    const IDENTITY: Self = Self {
+        scale: Vec2::ONE,
+        offset: Vec2::ZERO,
+    };
+
+    /// Moves a triangle's coordinates.
+    pub(super) fn apply(&self, corners: &mut Corner) {
+        *corners = corners.map(|coord| coord * self.scale + self.offset);
+    }
+}
+
+impl Library {
+    /// Adds a sentence about `path`, unless it has been said.
+    pub(super) fn note(&mut self, path: &Path, problem: impl std::fmt::Display) {
+        let note = format!("{}: {problem}", path.display());
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
+        }
+    }
+
+    pub(super) fn into_notes(self) -> Vec<String> {
+        self.notes
+    }
+
+    /// The materials in the libraries that `mesh` names. One that is missing is noted when
+    /// `wanted`. Of two materials with one name the first counts.
+    pub(super) fn read(
+        &mut self,
+        mesh: &Path,
+        libraries: &[String],
+        wanted: bool,
+    ) -> Result<KnownMaterials> {
+        let mut known = KnownMaterials::new();
+        for text in libraries {
+            for name in library_names(mesh, text) {
+                let Some(path) = find(&[mesh], &name) else {
+                    if wanted {
+                        self.note(mesh, format!("the material library {name:?} is missing"));
+                    }
+                    continue;
+                };
+                for material in read_with(&path, read_mtl)? {
+                    let entry = known.entry(material.name.clone());
+                    entry.or_insert_with(|| (material, path.clone()));
+                }
+            }
+        }
+        Ok(known)
+    }
+
+    /// The material that faces of `mesh` use, and how its texture lies.
+    pub(super) fn material(
+        &mut self,
+        mesh: &Path,
+        known: &KnownMaterials,
+        used: &MaterialUse,
+    ) -> (Material, Placement) {
+        let mut material = Material {
+            name: used.name.clone(),
+            ..Material::default()
+        };
+        let mut placement = Placement::IDENTITY;
+        let Some((stated, library)) = known.get(&used.name) else {
+            if !used.name.is_empty() && !known.is_empty() {
+                self.note(
+                    mesh,
+                    format!("the material {:?} is in none of its libraries", used.name),
+                );
+            }
+            return (material, placement);
+        };
+        material.color = stated.color.unwrap_or(material.color);
+        if let Some(texture) = stated.texture.as_ref().filter(|_| used.textured) {
+            material.texture = self.texture_of(&[library, mesh], &texture.file);
+            placement = Placement {
+                scale: texture.scale,
+                offset: texture.offset,
+            };
+        } else if stated.texture.is_some() {
+            let name = &used.name;
+            self.note(
+                mesh,
+                format!("faces of material {name:?} lack texture coordinates"),
+            );
+        }
+        (material, placement)
+    }
+
+    /// The texture that `mesh` names, if it can be read.
+    pub(super) fn texture(&mut self, mesh: &Path, name: &str) -> Option<Arc<ColorImage>> {
+        self.texture_of(&[mesh], name)
+    }
+
+    /// The texture `name`, looked for beside each of the files `beside`.
+    fn texture_of(&mut self, beside: &[&Path], name: &str) -> Option<Arc<ColorImage>> {
+        let Some(path) = find(beside, name) else {
+            let from = beside.first().copied().unwrap_or(Path::new(""));
+            self.note(
+                from,
+                format!("the texture {name:?} is missing; its material's color is shown"),
+            );
+            return None;
+        };
+        let path = path.canonicalize().unwrap_or(path);
+        if let Some(texture) = self.textures.get(&path) {
+            return texture.clone();
+        }
+        let texture = match read_image(&path) {
+            Ok(image) => Some(Arc::new(image)),
+            Err(error) => {
+                self.notes
+                    .push(format!("{error}; the color of its material is shown"));
+                None
+            }
+        };
+        self.textures.insert(path, texture.clone());
+        texture
+    }
+}
+
+/// The files that the text after one `mtllib` means: one, if there is a file of that name with all
+/// its spaces; else several that end in `.mtl`.
+fn library_names(mesh: &Path, text: &str) -> Vec<String> {
+    let unescaped = text.replace("\\ ", " ");
+    if text.is_empty() || find(&[mesh], &unescaped).is_some() {
+        return if text.is_empty() {
+            Vec::new()
+        } else {
+            vec![unescaped]
+        };
+    }
+    let lower = unescaped.to_ascii_lowercase();
+    let mut names = Vec::new();
+    let mut start = 0;
+    for (end, _) in lower.match_indices(".mtl ") {
+        names.push(unescaped[start..end + 4].trim().to_owned());
+        start = end + 5;
+    }
+    names.push(unescaped[start..].trim().to_owned());
+    names.retain(|name| !name.is_empty());
+    names
+}
+
+/// The file `name` beside one of the files `beside`: with its folders or without, as written or in
+/// another case, with the separators of either system.
+fn find(beside: &[&Path], name: &str) -> Option<PathBuf> {
+    let name = name.replace('\\', "/");
+    let relative = Path::new(&name);
+    let alone = relative.file_name().map(Path::new);
+    let folders = beside
+        .iter()
+        .map(|file| file.parent().unwrap_or(Path::new("")));
+    let candidates: Vec<PathBuf> = folders
+        .flat_map(|folder| {
+            [Some(relative), alone]
+                .into_iter()
+                .flatten()
+                .map(|n| folder.join(n))
+        })
+        .collect();
+    let exact = candidates.iter().find(|path| path.is_file()).cloned();
+    exact.or_else(|| candidates.iter().find_map(|path| in_any_case(path)))
+}
+
+fn in_any_case(path: &Path) -> Option<PathBuf> {
+    let wanted = path.file_name()?;
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let mut matches: Vec<PathBuf> = std::fs::read_dir(folder)
+        .ok()?
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|found| {
+            found
+                .file_name()
+                .is_some_and(|name| name.eq_ignore_ascii_case(wanted))
+        })
+        .filter(|found| found.is_file())
+        .collect();
+    matches.sort();
+    matches.into_iter().next()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::files::write_atomically;
+    use std::io::Write;
+
+    #[test]
+    fn files_are_found_in_any_case_and_by_either_separator() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str| {
+            write_atomically(&folder.path().join(name), |out| out.write_all(b"x")).unwrap();
+        };
+        put("Tex 01.PNG");
+        put("images/b.jpg");
+        let mesh = folder.path().join("m.obj");
+        for name in [
+            "Tex 01.PNG",
+            "tex 01.png",
+            ".\\TEX 01.png",
+            "C:\\elsewhere\\Tex 01.PNG",
+        ] {
+            let found = find(&[&mesh], name).unwrap();
+            assert_eq!(found.file_name().unwrap(), "Tex 01.PNG", "{name}");
+        }
+        assert!(find(&[&mesh], "images\\b.jpg").is_some());
+        assert!(find(&[&folder.path().join("images/x.mtl"), &mesh], "b.jpg").is_some());
+        assert_eq!(find(&[&mesh], "c.jpg"), None);
+        assert_eq!(find(&[&mesh], ""), None);
+    }
+
+    #[test]
+    fn one_line_names_one_library_with_spaces_or_several() {
+        let folder = tempfile::tempdir().unwrap();
+        let mesh = folder.path().join("m.obj");
+        let both = "a b.mtl c d.MTL";
+        assert_eq!(library_names(&mesh, both), ["a b.mtl", "c d.MTL"]);
+        assert_eq!(
+            library_names(&mesh, "x\\ y.mtl  z.mtl"),
+            ["x y.mtl", "z.mtl"]
+        );
+        assert!(library_names(&mesh, "").is_empty());
+        write_atomically(&folder.path().join(both), |out| out.write_all(b"")).unwrap();
+        assert_eq!(library_names(&mesh, both), [both]);
+    }
+}
