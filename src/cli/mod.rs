@@ -10,6 +10,7 @@ mod inspect;
 mod output;
 mod render;
 mod replay;
+mod score;
 
 use clap::{Parser, Subcommand};
 use common::{Global, Verdict};
@@ -47,6 +48,7 @@ enum Command {
     Render(render::RenderArgs),
     Fuse(fuse::FuseArgs),
     Inspect(inspect::InspectArgs),
+    Score(score::ScoreArgs),
     Replay(replay::ReplayArgs),
 }
 
@@ -80,6 +82,7 @@ fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
         Command::Render(args) => render::run(args, global),
         Command::Fuse(args) => fuse::run(args, global),
         Command::Inspect(args) => inspect::run(args, global),
+        Command::Score(args) => score::run(args, global),
         Command::Replay(args) => replay::run(args, global),
     }
 }

@@ -1,5 +1,5 @@
 use super::common::{Global, Verdict};
-use super::{fuse, output, render};
+use super::{fuse, output, render, score};
 use clap::Args;
 use mvs_eval::config;
 use mvs_eval::provenance::Run;
@@ -33,6 +33,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
     let layers = [run.options.clone(), over];
     match run.command.as_str() {
         "render" => render::execute(&config::resolve(layers)?, global),
+        "score" => score::execute(&config::resolve(layers)?, global),
         "fuse" => fuse::execute(&config::resolve(layers)?, global),
         other => anyhow::bail!("{}: unknown command `{other}`", args.run.display()),
     }

@@ -8,6 +8,7 @@ pub mod fuse;
 pub mod inspect;
 mod out;
 pub mod render;
+pub mod score;
 
 pub use out::{OutDir, check_out_file, run_file_beside};
 

@@ -1,11 +1,14 @@
 //! Truth + reconstruction → scores, one file per protocol.
 //!
 //! [`points`] and [`evaluation`] are what the protocols share; [`plain`] judges clouds that share a
-//! frame, [`tnt`] follows the Tanks and Temples toolbox. Nothing here knows a path.
+//! frame, [`tnt`] follows the Tanks and Temples toolbox by way of [`cameras`] and [`refine`]. Nothing
+//! here knows a path.
 
+pub mod cameras;
 pub mod evaluation;
 pub mod plain;
 pub mod points;
+pub mod refine;
 pub mod tnt;
 
 pub use evaluation::{Evaluation, Side, SideCounts};

@@ -1,9 +1,11 @@
 //! The Tanks and Temples protocol (Knapitsch et al., SIGGRAPH 2017; the official toolbox's
 //! `python_toolbox/evaluation`).
 
+use super::cameras::{self, CameraFit, Trajectories};
 use super::evaluation::Evaluation;
 use super::plain::{self, Preparation};
 use super::points::FinitePoints;
+use super::refine::{Stage, refine};
 use crate::error::Result;
 use glam::DMat4;
 use mvs_metrics::Tolerance;
@@ -41,15 +43,97 @@ pub fn preparation(crop: &Prism, tolerance: Tolerance) -> Preparation {
     }
 }
 
-/// Judges a reconstruction at a given `truth_from_reconstruction`: moved, cropped in the frame of
-/// the truth, averaged over voxels of τ/2.
-pub fn evaluate(
-    reconstruction: &FinitePoints,
-    truth_from_reconstruction: DMat4,
-    truth: &FinitePoints,
-    crop: &Prism,
-    tolerance: Tolerance,
-) -> Result<Evaluation> {
-    let motion = Some(truth_from_reconstruction);
-    plain::evaluate(reconstruction, motion, truth, &preparation(crop, tolerance))
+/// What is scored against what.
+#[derive(Debug, Clone)]
+pub struct Inputs {
+    /// The reconstruction in its own frame.
+    pub reconstruction: FinitePoints,
+    /// The truth.
+    pub truth: FinitePoints,
+    /// The region in which points are judged, in the frame of the truth.
+    pub crop: Prism,
+    /// τ.
+    pub tolerance: Tolerance,
+    /// Where the alignment starts.
+    pub start: Start,
+}
+
+/// Where the alignment starts.
+#[derive(Debug, Clone)]
+pub enum Start {
+    /// At a known `truth_from_reconstruction`, which is final.
+    Given(DMat4),
+    /// At a known `truth_from_reconstruction`, which is refined.
+    Refined(DMat4),
+    /// At the alignment of the camera trajectories, which is refined.
+    Trajectories(Trajectories),
+}
+
+/// What the alignment may be told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// The variant of the protocol.
+    pub profile: Profile,
+    /// How near camera centres must come, in units of the truth.
+    pub camera_distance: f64,
+    /// Seed of the RANSAC draws.
+    pub seed: u64,
+}
+
+/// How the reconstruction came into the frame of the truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion {
+    /// What the trajectories said, if they were asked.
+    pub cameras: Option<CameraFit>,
+    /// The ICP stages, if any were run.
+    pub stages: Vec<Stage>,
+    /// The final motion.
+    pub truth_from_reconstruction: DMat4,
+}
+
+/// Finds the motion from the reconstruction's frame to that of the truth.
+pub fn align(inputs: &Inputs, options: &Options) -> Result<Motion> {
+    let (cameras, start, refined) = match &inputs.start {
+        Start::Given(start) => (None, *start, false),
+        Start::Refined(start) => (None, *start, true),
+        Start::Trajectories(trajectories) => {
+            let fit = cameras::fit(
+                trajectories,
+                options.profile,
+                options.camera_distance,
+                options.seed,
+            )?;
+            let start = fit.fit.target_from_source;
+            (Some(fit), start, true)
+        }
+    };
+    let stages = if refined {
+        refine(
+            inputs.reconstruction.positions(),
+            inputs.truth.positions(),
+            &inputs.crop,
+            inputs.tolerance,
+            start,
+            options.profile,
+        )?
+    } else {
+        Vec::new()
+    };
+    let last = stages.last().map(|stage| stage.truth_from_reconstruction);
+    Ok(Motion {
+        cameras,
+        stages,
+        truth_from_reconstruction: last.unwrap_or(start),
+    })
+}
+
+/// Judges the reconstruction at `truth_from_reconstruction`: moved, cropped in the frame of the
+/// truth, averaged over voxels of τ/2.
+pub fn evaluate(inputs: &Inputs, truth_from_reconstruction: DMat4) -> Result<Evaluation> {
+    plain::evaluate(
+        &inputs.reconstruction,
+        Some(truth_from_reconstruction),
+        &inputs.truth,
+        &preparation(&inputs.crop, inputs.tolerance),
+    )
 }

@@ -12,3 +12,4 @@ mod meshes;
 mod parity;
 mod render;
 mod report;
+mod score;

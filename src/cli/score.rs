@@ -1,0 +1,130 @@
+use super::common::{Global, Verdict, resolve, with_context};
+use super::output::{answer, pairs};
+use clap::{Args, ValueEnum};
+use mvs_eval::jobs::score::{self, ScoreDocument, ScoreJob};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Score a reconstruction against the truth: precision, recall, F-score
+///
+/// Two forms. `--protocol tnt` follows the Tanks and Temples toolbox: the reconstruction is brought
+/// into the frame of the laser scan by its cameras (--trajectory) and ICP, or by a known --transform;
+/// both clouds are cropped by the scene's polygon and averaged over voxels of τ/2. Without
+/// --protocol, --truth and --reconstruction share a frame and are compared as they are.
+///
+/// Writes score.json, scores.csv, the cumulative curves up to 5 τ (<Scene>.precision.txt and
+/// .recall.txt) and the summary <Scene>.prf_tau_plotstr.txt.
+///
+/// Examples:
+///   mvs-eval score --protocol tnt --scene data/Barn --reconstruction barn.ply \
+///     --trajectory barn.log --out results/barn
+///   mvs-eval score --truth scan.ply --reconstruction cloud.ply --tau 0.01,0.02 --out results
+#[derive(Debug, Args, Serialize)]
+#[command(verbatim_doc_comment)]
+pub(crate) struct ScoreArgs {
+    /// The procedure: `plain` (default) or `tnt`, Tanks and Temples
+    #[arg(long, value_enum)]
+    protocol: Option<ProtocolName>,
+    /// tnt: the scene folder with <Scene>.ply, .json, _COLMAP_SfM.log and _trans.txt
+    #[arg(long, value_name = "DIR")]
+    scene: Option<PathBuf>,
+    /// plain: the true surface as a PLY cloud
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// The reconstruction as a PLY cloud
+    #[arg(long, value_name = "FILE")]
+    reconstruction: Option<PathBuf>,
+    /// A 4x4 text file, reconstruction to truth: takes the place of the alignment
+    #[arg(long, value_name = "FILE", conflicts_with = "trajectory")]
+    transform: Option<PathBuf>,
+    /// tnt: the reconstruction's cameras as a .log; aligns by them, then by ICP
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
+    /// tnt: refine --transform by the ICP stages
+    #[arg(long)]
+    #[serde(skip_serializing_if = "is_false")]
+    refine: bool,
+    /// The folder to write
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// tnt: `strict` (default) aligns robustly and lets ICP converge; `official` repeats the toolbox
+    /// with its slips
+    #[arg(long, value_enum)]
+    profile: Option<ProfileName>,
+    /// Tolerances in world units; the seven known tnt scenes bring their own
+    #[arg(long, value_name = "T", value_delimiter = ',')]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    tau: Vec<f64>,
+    /// The scene's name, prefix of its files; by default the folder's, or the truth's file name
+    #[arg(long, value_name = "SCENE")]
+    name: Option<String>,
+    /// The method's name in the records; by default the reconstruction's file name
+    #[arg(long)]
+    method: Option<String>,
+    /// plain: judge only what lies in this Open3D polygon volume (JSON)
+    #[arg(long, value_name = "FILE")]
+    crop: Option<PathBuf>,
+    /// plain: average both clouds over voxels of this edge first
+    #[arg(long, value_name = "H")]
+    voxel: Option<f64>,
+    /// Seed of everything drawn (default 0)
+    #[arg(long)]
+    seed: Option<u64>,
+    /// tnt: how near a camera must come to its reference to agree (default 0.2, metres)
+    #[arg(long, value_name = "D")]
+    camera_distance: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum ProtocolName {
+    Plain,
+    Tnt,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum ProfileName {
+    Strict,
+    Official,
+}
+
+fn is_false(flag: &bool) -> bool {
+    !flag
+}
+
+pub(crate) fn run(args: &ScoreArgs, global: &Global) -> anyhow::Result<Verdict> {
+    execute(&resolve("score", args, global)?, global)
+}
+
+pub(crate) fn execute(job: &ScoreJob, global: &Global) -> anyhow::Result<Verdict> {
+    let document = with_context(global, |context| score::run(job, context))?;
+    answer(global.format, &document, || as_table(&document))?;
+    Ok(Verdict::failed_if(!document.passed))
+}
+
+fn as_table(document: &ScoreDocument) -> comfy_table::Table {
+    let (reconstruction, truth) = (&document.counts.reconstruction, &document.counts.truth);
+    let profile = document
+        .profile
+        .map_or_else(String::new, |profile| format!(" ({profile})"));
+    let mut rows = vec![
+        ("scene", document.scene.clone()),
+        ("protocol", format!("{}{profile}", document.protocol)),
+    ];
+    for at in &document.by_tolerance {
+        rows.push(("tolerance", at.tolerance.to_string()));
+        rows.push(("precision", format!("{:.4}", at.precision)));
+        rows.push(("recall", format!("{:.4}", at.recall)));
+        rows.push(("F-score", format!("{:.4}", at.f_score)));
+    }
+    let funnel = |side: &mvs_eval::score::SideCounts| {
+        format!(
+            "{} read, {} in the crop, {} judged",
+            side.input, side.cropped, side.evaluated
+        )
+    };
+    rows.push(("reconstruction", funnel(reconstruction)));
+    rows.push(("truth", funnel(truth)));
+    pairs(&rows)
+}

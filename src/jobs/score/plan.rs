@@ -1,0 +1,156 @@
+//! What a score job asks for, checked before anything is read.
+
+use super::ScoreJob;
+use super::document::Protocol;
+use crate::error::{Error, Result};
+use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
+use mvs_metrics::Tolerance;
+use std::path::{Path, PathBuf};
+
+/// A job whose options go together and whose folders hold what they should.
+pub(super) struct Plan {
+    /// The scene's name, prefix of the outputs.
+    pub(super) scene: String,
+    /// At least one tolerance; exactly one for Tanks and Temples.
+    pub(super) tolerances: Vec<Tolerance>,
+    /// Every file that is read.
+    pub(super) inputs: Vec<PathBuf>,
+    /// The truth: the scene folder, or the file.
+    pub(super) truth: Truth,
+}
+
+/// Where the truth comes from.
+pub(super) enum Truth {
+    /// A cloud of its own.
+    File(PathBuf),
+    /// A Tanks and Temples scene folder.
+    Folder(TntFolder),
+}
+
+impl Plan {
+    /// Checks the options of `job` and finds its files.
+    pub(super) fn new(job: &ScoreJob) -> Result<Self> {
+        check_options(job)?;
+        match job.protocol {
+            Protocol::Plain => Self::plain(job),
+            Protocol::Tnt => Self::tnt(job),
+        }
+    }
+
+    fn plain(job: &ScoreJob) -> Result<Self> {
+        let truth = job.truth.clone().unwrap_or_default();
+        let tolerances = job.tau.iter().map(|&tau| Ok(Tolerance::new(tau)?));
+        Ok(Self {
+            scene: job.name.clone().unwrap_or_else(|| stem_of(&truth)),
+            tolerances: tolerances.collect::<Result<_>>()?,
+            inputs: inputs([Some(&truth), job.crop.as_ref()], job),
+            truth: Truth::File(truth),
+        })
+    }
+
+    fn tnt(job: &ScoreJob) -> Result<Self> {
+        let folder = job.scene.as_deref().unwrap_or(Path::new("."));
+        let folder = TntFolder::open(folder, job.name.as_deref())?;
+        let mut of_scene = vec![Some(&folder.truth), Some(&folder.crop)];
+        if job.trajectory.is_some() {
+            let mapping = folder.mapping.as_ref();
+            of_scene.extend([Some(&folder.trajectory), Some(&folder.transform), mapping]);
+        }
+        Ok(Self {
+            scene: folder.name.clone(),
+            tolerances: vec![tnt_tolerance(job, &folder.name)?],
+            inputs: inputs(of_scene, job),
+            truth: Truth::Folder(folder),
+        })
+    }
+}
+
+/// Says which options are missing or do not go together.
+fn check_options(job: &ScoreJob) -> Result<()> {
+    let problem = match job.protocol {
+        Protocol::Plain if job.scene.is_some() => {
+            "belongs to --protocol tnt; the plain protocol takes --truth"
+        }
+        Protocol::Plain if job.trajectory.is_some() => {
+            return Err(Error::invalid(
+                "--trajectory",
+                "belongs to --protocol tnt; the plain protocol takes clouds that share a frame",
+            ));
+        }
+        _ => return check_paths(job),
+    };
+    Err(Error::invalid("--scene", problem))
+}
+
+fn check_paths(job: &ScoreJob) -> Result<()> {
+    let needed = |given: bool, option: &str| {
+        let problem = format!("needed by --protocol {}, not given", job.protocol);
+        if given {
+            Ok(())
+        } else {
+            Err(Error::invalid(option, problem))
+        }
+    };
+    needed(
+        !job.reconstruction.as_os_str().is_empty(),
+        "--reconstruction",
+    )?;
+    needed(!job.out.as_os_str().is_empty(), "--out")?;
+    if job.protocol == Protocol::Plain {
+        needed(job.truth.is_some(), "--truth")?;
+        return needed(!job.tau.is_empty(), "--tau");
+    }
+    needed(job.scene.is_some(), "--scene")?;
+    if job.transform.is_some() == job.trajectory.is_some() {
+        let problem = "expected exactly one of them: the reconstruction's cameras, or a known \
+                       transform into the frame of the truth";
+        return Err(Error::invalid("--transform, --trajectory", problem));
+    }
+    let foreign = [
+        (job.truth.is_some(), "--truth"),
+        (job.crop.is_some(), "--crop"),
+        (job.voxel.is_some(), "--voxel"),
+    ];
+    match foreign.iter().find(|(given, _)| *given) {
+        Some((_, option)) => Err(Error::invalid(
+            *option,
+            "belongs to the plain protocol; --protocol tnt takes it from the scene folder and τ",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// The files given, the reconstruction and how it is aligned.
+fn inputs<'a>(
+    paths: impl IntoIterator<Item = Option<&'a PathBuf>>,
+    job: &'a ScoreJob,
+) -> Vec<PathBuf> {
+    let of_job = [
+        Some(&job.reconstruction),
+        job.transform.as_ref(),
+        job.trajectory.as_ref(),
+    ];
+    paths.into_iter().chain(of_job).flatten().cloned().collect()
+}
+
+/// The τ asked for, or that of a known scene.
+fn tnt_tolerance(job: &ScoreJob, scene: &str) -> Result<Tolerance> {
+    let problem = match (job.tau.as_slice(), known_tolerance(scene)) {
+        ([tau], _) => return Ok(Tolerance::new(*tau)?),
+        ([], Some(tau)) => return Ok(Tolerance::new(tau)?),
+        ([], None) => format!("`{scene}` is not one of the seven known scenes: give its τ"),
+        (several, _) => format!(
+            "expected one τ, found {}: the protocol's voxels and ICP stages depend on it",
+            several.len()
+        ),
+    };
+    Err(Error::invalid("--tau", problem))
+}
+
+/// A file's name without its last extension.
+pub(super) fn stem_of(path: &Path) -> String {
+    path.file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}

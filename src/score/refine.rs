@@ -1,0 +1,258 @@
+//! The three ICP stages that bring a reconstruction from the cameras' alignment onto the truth.
+
+use super::points::moved_and_cropped;
+use super::tnt::Profile;
+use crate::error::Result;
+use glam::{DMat3, DMat4, DVec3};
+use mvs_metrics::align::{Icp, IcpOptions, icp};
+use mvs_metrics::crop::Prism;
+use mvs_metrics::{Tolerance, downsample};
+
+/// How many points the last stage leaves as they are (`MAX_POINT_NUMBER` of the toolbox).
+const MOST_POINTS: f64 = 4e6;
+/// The toolbox means 20 iterations and sets an RMSE tolerance of 20 instead (`registration.py`).
+const OFFICIAL_RMSE: f64 = 20.0;
+/// Updates after which the strict profile settles for what it has.
+const STRICT_ITERATIONS: usize = 100;
+
+/// How a stage thins both clouds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Thinning {
+    /// The mean per voxel, whose edge is this many τ.
+    Voxel(f64),
+    /// Every k-th point so that about [`MOST_POINTS`] are left.
+    Uniform,
+}
+
+/// Thinning and maximal correspondence distance in τ (`run.py`).
+const STAGES: [(Thinning, f64); 3] = [
+    (Thinning::Voxel(1.0), 80.0),
+    (Thinning::Voxel(0.5), 20.0),
+    (Thinning::Uniform, 2.0),
+];
+
+/// What one stage did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stage {
+    /// Points of the reconstruction that took part.
+    pub reconstruction_points: usize,
+    /// Points of the truth that took part.
+    pub truth_points: usize,
+    /// The maximal correspondence distance in world units.
+    pub max_distance: f64,
+    /// Pairs over points of the reconstruction.
+    pub fitness: f64,
+    /// Root mean square distance of the pairs in world units.
+    pub inlier_rmse: f64,
+    /// Updates made.
+    pub iterations: usize,
+    /// Whether it ended because nothing changed any more.
+    pub converged: bool,
+    /// The scale of this stage's own motion.
+    pub scale: f64,
+    /// All motion so far, the start included.
+    pub truth_from_reconstruction: DMat4,
+}
+
+/// Runs the three stages from `start`. A stage that finds nothing inside the crop volume has fitness
+/// 0 and is the last.
+pub fn refine(
+    reconstruction: &[DVec3],
+    truth: &[DVec3],
+    crop: &Prism,
+    tolerance: Tolerance,
+    start: DMat4,
+    profile: Profile,
+) -> Result<Vec<Stage>> {
+    let truth = moved_and_cropped(truth, None, Some(crop));
+    let mut so_far = start;
+    let mut stages = Vec::with_capacity(STAGES.len());
+    for (thinning, reach) in STAGES {
+        let moved = moved_and_cropped(reconstruction, Some(so_far), Some(crop));
+        let source = thinning.apply(moved, tolerance)?;
+        let target = thinning.apply(truth.clone(), tolerance)?;
+        let options = options(profile, reach * tolerance.get(), tolerance);
+        let stage = run_stage(&source, &target, &options, so_far)?;
+        so_far = stage.truth_from_reconstruction;
+        stages.push(stage);
+        if source.is_empty() || target.is_empty() {
+            break;
+        }
+    }
+    Ok(stages)
+}
+
+impl Thinning {
+    fn apply(self, points: Vec<DVec3>, tolerance: Tolerance) -> Result<Vec<DVec3>> {
+        Ok(match self {
+            Self::Voxel(edge) => downsample::voxel(&points, edge * tolerance.get())?,
+            Self::Uniform => match uniform_step(points.len()) {
+                1 => points,
+                step => downsample::every_kth(&points, step)?,
+            },
+        })
+    }
+}
+
+/// The toolbox's k: n / 4e6 rounded half to even where n is above 4e6, else 1.
+fn uniform_step(count: usize) -> usize {
+    let ratio = count as f64 / MOST_POINTS;
+    if ratio > 1.0 {
+        (ratio.round_ties_even() as usize).max(1)
+    } else {
+        1
+    }
+}
+
+/// Official: Open3D's default iteration limit and the RMSE tolerance that is none. Strict:
+/// converged to a ten-thousandth of τ, whatever the unit.
+fn options(profile: Profile, max_distance: f64, tolerance: Tolerance) -> IcpOptions {
+    match profile {
+        Profile::Official => IcpOptions {
+            relative_rmse: OFFICIAL_RMSE,
+            ..IcpOptions::new(max_distance)
+        },
+        Profile::Strict => IcpOptions {
+            relative_rmse: (1e-4 * tolerance.get()).min(1e-6),
+            max_iterations: STRICT_ITERATIONS,
+            ..IcpOptions::new(max_distance)
+        },
+    }
+}
+
+fn run_stage(
+    source: &[DVec3],
+    target: &[DVec3],
+    options: &IcpOptions,
+    so_far: DMat4,
+) -> Result<Stage> {
+    let nothing = Icp {
+        target_from_source: DMat4::IDENTITY,
+        fitness: 0.0,
+        inlier_rmse: 0.0,
+        pairs: 0,
+        iterations: 0,
+        converged: false,
+    };
+    let found = if source.is_empty() || target.is_empty() {
+        nothing
+    } else {
+        icp(source, target, options)?
+    };
+    Ok(Stage {
+        reconstruction_points: source.len(),
+        truth_points: target.len(),
+        max_distance: options.max_distance,
+        fitness: found.fitness,
+        inlier_rmse: found.inlier_rmse,
+        iterations: found.iterations,
+        converged: found.converged,
+        scale: DMat3::from_mat4(found.target_from_source)
+            .determinant()
+            .cbrt(),
+        truth_from_reconstruction: found.target_from_source * so_far,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DQuat, DVec2};
+
+    #[test]
+    fn the_uniform_step_rounds_half_to_even() {
+        for (count, step) in [
+            (0, 1),
+            (4_000_000, 1),
+            (4_000_001, 1),
+            (6_000_000, 2),
+            (10_000_000, 2),
+            (14_000_000, 4),
+            (20_000_000, 5),
+        ] {
+            assert_eq!(uniform_step(count), step, "{count}");
+        }
+    }
+
+    /// `count` scattered points of a curved surface over the square [−1, 1]².
+    fn surface(count: u64) -> Vec<DVec3> {
+        let unit = |key: u64| {
+            let mut bits = key.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((bits ^ (bits >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let point = |i: u64| {
+            let (x, y) = (unit(2 * i), unit(2 * i + 1));
+            DVec3::new(x, y, 0.5 * x * x - 0.25 * x * y + 0.1 * (5.0 * y).sin())
+        };
+        (0..count).map(point).collect()
+    }
+
+    fn crop() -> Prism {
+        let square = [(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(DVec2::from);
+        Prism::new(2, (-2.0, 2.0), &square).unwrap()
+    }
+
+    #[test]
+    fn a_scaled_and_turned_surface_comes_back() {
+        let truth = surface(14_400);
+        let motion = DMat4::from_scale_rotation_translation(
+            DVec3::splat(1.02),
+            DQuat::from_rotation_z(0.02),
+            DVec3::new(0.01, -0.02, 0.01),
+        );
+        let moved = motion.inverse();
+        let reconstruction: Vec<DVec3> = truth.iter().map(|&p| moved.transform_point3(p)).collect();
+        let tolerance = Tolerance::new(0.02).unwrap();
+        let run = |profile| {
+            refine(
+                &reconstruction,
+                &truth,
+                &crop(),
+                tolerance,
+                DMat4::IDENTITY,
+                profile,
+            )
+            .unwrap()
+        };
+        let strict = run(Profile::Strict);
+        assert_eq!(strict.len(), 3);
+        let last = strict[2];
+        assert!(last.converged && last.fitness == 1.0);
+        assert!(
+            last.truth_from_reconstruction.abs_diff_eq(motion, 1e-4),
+            "{last:?}"
+        );
+        // The slip: one update with an unchanged fitness ends an official stage.
+        let official = run(Profile::Official);
+        assert_eq!(official[0].iterations, 1);
+        assert!(
+            !official[2]
+                .truth_from_reconstruction
+                .abs_diff_eq(motion, 1e-4)
+        );
+    }
+
+    #[test]
+    fn nothing_inside_the_crop_ends_with_fitness_zero() {
+        let far: Vec<DVec3> = surface(400).iter().map(|&p| p + DVec3::X * 100.0).collect();
+        let tolerance = Tolerance::new(0.02).unwrap();
+        let start = DMat4::from_translation(DVec3::Y);
+        let stages = refine(
+            &far,
+            &surface(400),
+            &crop(),
+            tolerance,
+            start,
+            Profile::Strict,
+        )
+        .unwrap();
+        assert_eq!(stages.len(), 1);
+        assert_eq!(
+            (stages[0].fitness, stages[0].reconstruction_points),
+            (0.0, 0)
+        );
+        assert_eq!(stages[0].truth_from_reconstruction, start);
+    }
+}
