@@ -4,7 +4,9 @@
 //! stores and what replays it. Each file has the struct and a `run(&job, &context)` that returns
 //! an outcome which the command line prints.
 
+pub mod blend;
 pub mod fuse;
+pub mod generate;
 pub mod inspect;
 mod out;
 pub mod render;

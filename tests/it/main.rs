@@ -8,6 +8,7 @@
 )]
 
 mod architecture;
+mod generate;
 mod meshes;
 mod parity;
 mod render;

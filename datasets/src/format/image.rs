@@ -236,14 +236,14 @@ mod tests {
         assert_eq!(&bytes[6..10], b"JFIF");
         assert!(!bytes.windows(4).any(|four| four == b"Exif"));
         assert_eq!([components(&bytes)[1], components(&bytes)[4]], [0x22, 0x11]);
-        assert!(worst_difference(&read_color(&bytes).unwrap(), &image) <= 8);
+        assert!(worst_difference(&read_color(&bytes).unwrap(), &image) <= 4); // libjpeg: 4
         let full = JpegOptions {
             quality: 100,
             subsample_chroma: false,
         };
         let bytes = jpeg(&image, full);
         assert_eq!([components(&bytes)[1], components(&bytes)[4]], [0x11, 0x11]);
-        assert!(worst_difference(&read_color(&bytes).unwrap(), &image) <= 3);
+        assert!(worst_difference(&read_color(&bytes).unwrap(), &image) <= 4);
         assert_eq!(read_size(&bytes).unwrap(), (67, 45));
     }
 

@@ -9,6 +9,7 @@ pub mod crop;
 pub mod image;
 pub mod log;
 pub mod mtl;
+pub mod npy;
 pub mod obj;
 pub mod pair;
 pub mod pfm;

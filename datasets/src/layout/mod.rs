@@ -1,6 +1,7 @@
 //! Folder conventions: the only place that knows paths, and where foreign conventions (integer
 //! pixel centres, camera-to-world poses) are converted.
 
+pub mod blended;
 pub mod files;
 mod materials;
 pub mod mesh;

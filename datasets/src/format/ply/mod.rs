@@ -1,7 +1,17 @@
 //! PLY clouds and meshes: ASCII and both endiannesses, any scalar types, lists, unknown properties.
 
+mod body;
+mod faces;
+mod header;
+mod table;
+mod vertices;
+mod write;
+
 use crate::error::FormatError;
-use crate::scene::{Mesh, PointCloud};
+use crate::scene::{Material, Mesh, PointCloud};
+use body::Body;
+use faces::Faces;
+use header::Header;
 use std::io::Write;
 
 /// How a PLY is written.
@@ -27,38 +37,132 @@ pub struct ScalarColumn<'a> {
 /// A mesh and what its PLY says about textures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlyMesh {
-    /// Polygons are cut into fans of triangles.
+    /// Polygons are cut into fans of triangles. There is one material per texture file, in order and
+    /// of its name; its texture itself is for the caller to read.
     pub mesh: Mesh,
     /// From `comment TextureFile`, in order.
     pub texture_files: Vec<String>,
 }
 
+/// What a PLY's header promises, e.g. to tell a mesh from a cloud.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PlySummary {
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Number of faces.
+    pub faces: usize,
+}
+
+/// Reads the header alone. The counts are as stated: the file may be cut short.
+pub fn read_summary(bytes: &[u8]) -> Result<PlySummary, FormatError> {
+    let header = header::read(bytes)?;
+    let count = |name| header.element(name).map_or(0, |element| element.count);
+    Ok(PlySummary {
+        vertices: count("vertex"),
+        faces: count("face"),
+    })
+}
+
 /// Reads the vertices of a PLY: x y z, and where present nx ny nz, red green blue (integers, or
-/// floats in 0…1), `views`, `confidence`.
-pub fn read_cloud(_bytes: &[u8]) -> Result<PointCloud, FormatError> {
-    todo!()
+/// floats in 0…1), `views`, `confidence`. Names are taken in any case, everything else is skipped;
+/// positions may be NaN. A file with no vertices gives an empty cloud.
+pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
+    let header = header::read(bytes)?;
+    let table = vertices::take(&header, &mut Body::new(bytes, &header))?;
+    vertices::cloud(&table)
 }
 
-/// Reads vertices and faces of a PLY.
-pub fn read_mesh(_bytes: &[u8]) -> Result<PlyMesh, FormatError> {
-    todo!()
+/// Reads vertices and faces of a PLY. Texture coordinates are those of the faces (`texcoord`), else
+/// of the vertices (s t, u v or texture_u texture_v). A file without faces is an error.
+pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
+    let header = header::read(bytes)?;
+    let mut body = Body::new(bytes, &header);
+    let (mut vertices, mut faces) = (None, None);
+    for element in &header.elements {
+        match (element.name.as_str(), &vertices) {
+            ("vertex", _) => vertices = Some(body.take_table(element)?),
+            ("face", Some(_)) => {
+                let count = header.element("vertex").map_or(0, |vertex| vertex.count);
+                faces = Some(faces::take(element, &mut body, count)?);
+            }
+            _ => body.skip(element)?,
+        }
+    }
+    let (Some(table), Some(faces)) = (vertices, faces) else {
+        return Err(no_mesh(&header));
+    };
+    if faces.triangles.is_empty() {
+        return Err(no_mesh(&header));
+    }
+    let texture_files = texture_files(&header);
+    Ok(PlyMesh {
+        mesh: mesh_of(&table, faces, &texture_files)?,
+        texture_files,
+    })
 }
 
-/// Writes a cloud with the columns it has, and `scalars` after them.
+fn no_mesh(header: &Header) -> FormatError {
+    let count = header.element("vertex").map_or(0, |vertex| vertex.count);
+    let problem = format!(
+        "expected vertices and after them faces, found {count} vertices and no faces: a cloud is no mesh"
+    );
+    FormatError::new("header", problem)
+}
+
+fn texture_files(header: &Header) -> Vec<String> {
+    let comments = header.comments.iter();
+    let names = comments.filter_map(|text| text.strip_prefix("TextureFile"));
+    names.map(|name| name.trim().to_owned()).collect()
+}
+
+fn mesh_of(
+    table: &table::Table<'_>,
+    faces: Faces,
+    texture_files: &[String],
+) -> Result<Mesh, FormatError> {
+    let wrong = || FormatError::at("elements vertex and face");
+    let per_vertex = vertices::texture_coords(table);
+    let coords = faces.texture_coords.or_else(|| {
+        let of = |vertex: u32| per_vertex.as_ref().map(|all| all[vertex as usize]);
+        let corners = faces.triangles.iter();
+        corners
+            .map(|&[a, b, c]| Some([of(a)?, of(b)?, of(c)?]))
+            .collect()
+    });
+    let mut mesh = Mesh::new(vertices::positions(table)?, faces.triangles).map_err(wrong())?;
+    if let Some(coords) = coords {
+        mesh = mesh.with_texture_coords(coords).map_err(wrong())?;
+    }
+    if let Some(colors) = vertices::colors(table)? {
+        mesh = mesh.with_vertex_colors(colors).map_err(wrong())?;
+    }
+    if texture_files.is_empty() {
+        return Ok(mesh);
+    }
+    let materials = texture_files.iter().map(|name| Material {
+        name: name.clone(),
+        ..Material::default()
+    });
+    mesh.with_materials(materials.collect(), faces.texture_numbers)
+        .map_err(wrong())
+}
+
+/// Writes a cloud with the columns it has, and `scalars` after them. Scalars of another length or
+/// with an impossible name are [`std::io::ErrorKind::InvalidInput`].
 pub fn write_cloud(
-    _out: &mut impl Write,
-    _cloud: &PointCloud,
-    _scalars: &[ScalarColumn<'_>],
-    _options: &PlyOptions,
+    out: &mut impl Write,
+    cloud: &PointCloud,
+    scalars: &[ScalarColumn<'_>],
+    options: &PlyOptions,
 ) -> std::io::Result<()> {
-    todo!()
+    write::cloud(out, cloud, scalars, options)
 }
 
-/// Writes a mesh: vertices with colours if present, faces with texture coordinates if present.
-pub fn write_mesh(
-    _out: &mut impl Write,
-    _mesh: &Mesh,
-    _options: &PlyOptions,
-) -> std::io::Result<()> {
-    todo!()
+/// Writes a mesh: vertices with colours if present, faces with texture coordinates if present and,
+/// where there are several materials, `texnumber`. Name the texture files in the comments.
+pub fn write_mesh(out: &mut impl Write, mesh: &Mesh, options: &PlyOptions) -> std::io::Result<()> {
+    write::mesh(out, mesh, options)
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,110 @@
+//! What the element `face` means.
+
+use super::body::{Body, Row};
+use super::header::is_scalar;
+use crate::error::FormatError;
+use crate::scene::Corner;
+use glam::Vec2;
+use ply_rs_bw::ply::ElementDef;
+
+/// Triangles and what each says about its texture.
+#[derive(Debug, Default)]
+pub(super) struct Faces {
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// Per triangle, if the faces have texture coordinates.
+    pub(super) texture_coords: Option<Vec<Corner>>,
+    /// Per triangle, if the faces have texture numbers.
+    pub(super) texture_numbers: Option<Vec<u32>>,
+}
+
+/// Where a face's properties are in a [`Row`].
+struct FaceLayout {
+    indices: usize,
+    texcoord: Option<usize>,
+    texnumber: Option<usize>,
+}
+
+impl FaceLayout {
+    fn of(element: &ElementDef) -> Result<Self, FormatError> {
+        let place = |name: &str, scalar: bool| {
+            let properties = element.properties.values();
+            let mut same_kind = properties.filter(|p| is_scalar(&p.data_type) == scalar);
+            same_kind.position(|property| property.name == name)
+        };
+        let indices = place("vertex_indices", false).or_else(|| place("vertex_index", false));
+        let Some(indices) = indices else {
+            let problem = "expected a list property vertex_indices or vertex_index, found none";
+            return Err(FormatError::new("element face", problem));
+        };
+        Ok(Self {
+            indices,
+            texcoord: place("texcoord", false),
+            texnumber: place("texnumber", true),
+        })
+    }
+}
+
+/// Takes all faces as triangles. Polygons are cut into fans; fewer than three corners are no face.
+pub(super) fn take(
+    element: &ElementDef,
+    body: &mut Body<'_>,
+    vertex_count: usize,
+) -> Result<Faces, FormatError> {
+    let layout = FaceLayout::of(element)?;
+    let mut faces = Faces {
+        triangles: Vec::new(),
+        texture_coords: layout.texcoord.map(|_| Vec::new()),
+        texture_numbers: layout.texnumber.map(|_| Vec::new()),
+    };
+    body.take_rows(element, |index, row| {
+        add_face(&mut faces, &layout, &row, vertex_count)
+            .map_err(|problem| FormatError::new(format!("face {index}"), problem))
+    })?;
+    Ok(faces)
+}
+
+fn add_face(
+    faces: &mut Faces,
+    layout: &FaceLayout,
+    row: &Row,
+    vertex_count: usize,
+) -> Result<(), String> {
+    let polygon = &row.lists[layout.indices];
+    if let Some(bad) = polygon
+        .iter()
+        .find(|&&index| !is_below(index, vertex_count))
+    {
+        return Err(format!(
+            "expected vertex indices below {vertex_count}, found {bad}"
+        ));
+    }
+    let fan = 1..polygon.len().saturating_sub(1);
+    for k in fan.clone() {
+        faces
+            .triangles
+            .push([0, k, k + 1].map(|corner| polygon[corner] as u32));
+    }
+    if let (Some(all), Some(texcoord)) = (&mut faces.texture_coords, layout.texcoord) {
+        let coords = &row.lists[texcoord];
+        if !coords.is_empty() && coords.len() != 2 * polygon.len() {
+            let (expected, found) = (2 * polygon.len(), coords.len());
+            return Err(format!(
+                "expected {expected} or no texture coordinates, found {found}"
+            ));
+        }
+        let at = |corner: usize| match coords.get(2 * corner..2 * corner + 2) {
+            Some(&[u, v]) => Vec2::new(u as f32, v as f32),
+            _ => Vec2::ZERO,
+        };
+        all.extend(fan.clone().map(|k| [at(0), at(k), at(k + 1)]));
+    }
+    if let (Some(all), Some(texnumber)) = (&mut faces.texture_numbers, layout.texnumber) {
+        let number = row.scalars[texnumber] as u32; // −1 for none saturates to the first
+        all.extend(fan.map(|_| number));
+    }
+    Ok(())
+}
+
+fn is_below(index: f64, count: usize) -> bool {
+    index >= 0.0 && index.fract() == 0.0 && index < count as f64
+}

@@ -1,0 +1,357 @@
+//! Whole files: what is written reads back, in every form; what is broken is said.
+
+use super::*;
+use glam::{DVec3, Vec2, Vec3};
+use proptest::prelude::*;
+
+fn bytes_of(write: impl FnOnce(&mut Vec<u8>) -> std::io::Result<()>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write(&mut bytes).unwrap();
+    bytes
+}
+
+fn position() -> impl Strategy<Value = DVec3> {
+    // Values that a float holds too.
+    proptest::array::uniform3(proptest::num::f32::NORMAL | proptest::num::f32::ZERO)
+        .prop_map(|v| DVec3::from_array(v.map(f64::from)))
+}
+
+prop_compose! {
+    fn any_cloud()(
+        positions in proptest::collection::vec(position(), 0..20),
+        columns in proptest::array::uniform4(any::<bool>()),
+        seed in any::<u8>(),
+    ) -> PointCloud {
+        let count = positions.len();
+        let byte = |index: usize| seed.wrapping_mul(31).wrapping_add(index as u8);
+        let mut cloud = PointCloud::new(positions);
+        if columns[0] {
+            let normals = (0..count).map(|index| Vec3::new(0.1, -0.5, f32::from(byte(index))));
+            cloud = cloud.with_normals(normals.collect()).unwrap();
+        }
+        if columns[1] {
+            let colors = (0..count).map(|index| [byte(index), seed, 255]);
+            cloud = cloud.with_colors(colors.collect()).unwrap();
+        }
+        if columns[2] {
+            let counts = (0..count).map(|index| u32::from(byte(index)) << 20);
+            cloud = cloud.with_view_counts(counts.collect()).unwrap();
+        }
+        if columns[3] {
+            let confidences = (0..count).map(|index| f32::from(byte(index)) / 7.0);
+            cloud = cloud.with_confidences(confidences.collect()).unwrap();
+        }
+        cloud
+    }
+}
+
+proptest! {
+    #[test]
+    fn every_cloud_reads_back(cloud in any_cloud(), double: bool, ascii: bool) {
+        let options = PlyOptions { double, ascii, comments: vec!["by\na test".into()] };
+        let bytes = bytes_of(|out| write_cloud(out, &cloud, &[], &options));
+        prop_assert_eq!(read_cloud(&bytes).unwrap(), cloud);
+    }
+
+    #[test]
+    fn every_prefix_of_a_file_is_an_error_or_a_cloud(cloud in any_cloud(), ascii: bool, cut in any::<prop::sample::Index>()) {
+        let options = PlyOptions { ascii, ..PlyOptions::default() };
+        let bytes = bytes_of(|out| write_cloud(out, &cloud, &[], &options));
+        let cut = cut.index(bytes.len());
+        if let Ok(read) = read_cloud(&bytes[..cut]) {
+            prop_assert_eq!(read.len(), cloud.len());
+            prop_assert!(ascii || cut == bytes.len());
+        }
+    }
+}
+
+fn textured() -> Mesh {
+    let vertices = vec![
+        DVec3::ZERO,
+        DVec3::X,
+        DVec3::ONE,
+        DVec3::new(0.1, 1e6 + 0.1, 0.0),
+    ];
+    let corner = |shift: f32| [Vec2::ZERO, Vec2::new(shift, 0.25), Vec2::new(1.0, shift)];
+    Mesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]])
+        .unwrap()
+        .with_texture_coords(vec![corner(0.5), corner(0.75)])
+        .unwrap()
+        .with_vertex_colors(vec![[1, 2, 3], [4, 5, 6], [7, 8, 9], [250, 251, 252]])
+        .unwrap()
+}
+
+#[test]
+fn meshes_read_back_with_their_textures() {
+    let material = |name: &str| Material {
+        name: name.into(),
+        ..Material::default()
+    };
+    let mesh = textured()
+        .with_materials(
+            vec![material("a b.jpg"), material("c.png")],
+            Some(vec![1, 0]),
+        )
+        .unwrap();
+    for ascii in [false, true] {
+        let options = PlyOptions {
+            double: true,
+            ascii,
+            comments: vec!["TextureFile a b.jpg".into(), "TextureFile c.png".into()],
+        };
+        let bytes = bytes_of(|out| write_mesh(out, &mesh, &options));
+        let read = read_mesh(&bytes).unwrap();
+        assert_eq!(read.texture_files, ["a b.jpg", "c.png"]);
+        assert_eq!(read.mesh, mesh);
+        assert_eq!(
+            read_summary(&bytes).unwrap(),
+            PlySummary {
+                vertices: 4,
+                faces: 2
+            }
+        );
+    }
+}
+
+#[test]
+fn scalars_follow_the_columns_and_are_checked() {
+    let cloud = PointCloud::new(vec![DVec3::ONE, DVec3::ZERO]);
+    let ascii = PlyOptions {
+        ascii: true,
+        ..PlyOptions::default()
+    };
+    let column = |name, values| [ScalarColumn { name, values }];
+    let bytes =
+        bytes_of(|out| write_cloud(out, &cloud, &column("error", &[0.5, f32::NAN]), &ascii));
+    let text = String::from_utf8(bytes).unwrap();
+    assert!(
+        text.contains("property float z\nproperty float error\nend_header\n1 1 1 0.5\n0 0 0 NaN\n"),
+        "{text}"
+    );
+    for (name, values, expected) in [
+        ("error", &[0.5][..], "has 1 values for 2 points"),
+        ("an error", &[0.5, 0.5], "letters, digits and underscores"),
+        ("", &[0.5, 0.5], "letters, digits and underscores"),
+        ("x", &[0.5, 0.5], "is there twice"),
+    ] {
+        let refused = write_cloud(&mut Vec::new(), &cloud, &column(name, values), &ascii);
+        assert!(refused.unwrap_err().to_string().contains(expected));
+    }
+}
+
+fn ascii(header: &str, body: &str) -> Vec<u8> {
+    format!("ply\nformat ascii 1.0\n{header}\nend_header\n{body}").into_bytes()
+}
+
+const XYZ: &str = "property float x\nproperty float y\nproperty float z";
+
+#[test]
+fn special_numbers_become_positions() {
+    let bytes = ascii(
+        &format!("element vertex 3\n{XYZ}"),
+        "nan 1 .5\n-Inf 2 inf\n0.1 4000000.125 3",
+    );
+    let positions = read_cloud(&bytes).unwrap().into_positions();
+    assert!(positions[0].x.is_nan() && positions[0].y == 1.0 && positions[0].z == 0.5);
+    assert_eq!(
+        positions[1],
+        DVec3::new(f64::NEG_INFINITY, 2.0, f64::INFINITY)
+    );
+    assert_eq!(positions[2], DVec3::new(0.1, 4_000_000.125, 3.0));
+}
+
+#[test]
+fn other_elements_and_lists_are_passed_over() {
+    let header = format!(
+        "element camera 1\nproperty list uchar float k\nproperty int id\nelement vertex 2\nproperty list uchar int who\nproperty uchar flag\n{XYZ}\nproperty double quality"
+    );
+    let bytes = ascii(&header, "2 9 9 7\n1 5 1 1 2 3 0.5\n0 1 4 5 6 0.5\n");
+    let cloud = read_cloud(&bytes).unwrap();
+    assert_eq!(
+        cloud.positions(),
+        [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]
+    );
+}
+
+#[test]
+fn colors_are_bytes_or_fractions() {
+    let read = |kind: &str, row: &str| {
+        let rgb = ["red", "green", "blue"]
+            .map(|name| format!("property {kind} {name}"))
+            .join("\n");
+        read_cloud(&ascii(
+            &format!("element vertex 1\n{XYZ}\n{rgb}"),
+            &format!("0 0 0 {row}"),
+        ))
+    };
+    assert_eq!(
+        read("uchar", "1 2 255").unwrap().colors(),
+        Some(&[[1, 2, 255]][..])
+    );
+    assert_eq!(
+        read("float", "0 0.5 1").unwrap().colors(),
+        Some(&[[0, 128, 255]][..])
+    );
+    assert_eq!(
+        read("char", "-1 -128 127").unwrap().colors(),
+        Some(&[[255, 128, 127]][..])
+    );
+    let error = read("float", "0 0.5 200").unwrap_err().to_string();
+    assert!(
+        error.contains("vertex 0: expected color values from 0 to 1, found 200"),
+        "{error}"
+    );
+    let error = read("ushort", "0 65535 2").unwrap_err().to_string();
+    assert!(
+        error.contains("expected color values from 0 to 255, found 65535"),
+        "{error}"
+    );
+    assert!(read("float", "0 nan 0").is_err());
+}
+
+#[test]
+fn faces_are_cut_into_fans() {
+    let vertices = format!("element vertex 5\n{XYZ}\nproperty float s\nproperty float t");
+    let rows = "0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n0 2 0 0 2\n";
+    let header = format!("{vertices}\nelement face 3\nproperty list uchar int vertex_index");
+    let mesh = read_mesh(&ascii(
+        &header,
+        &format!("{rows}5 0 1 2 3 4\n2 0 1\n3 4 3 2\n"),
+    ))
+    .unwrap()
+    .mesh;
+    assert_eq!(
+        mesh.triangles(),
+        [[0, 1, 2], [0, 2, 3], [0, 3, 4], [4, 3, 2]]
+    );
+    let coords = mesh.texture_coords().unwrap()[3];
+    assert_eq!(
+        coords,
+        [
+            Vec2::new(0.0, 2.0),
+            Vec2::new(0.0, 1.0),
+            Vec2::new(1.0, 1.0)
+        ]
+    );
+    assert_eq!(mesh.triangle_materials(), None);
+}
+
+#[test]
+fn broken_meshes_get_one_sentence() {
+    let with = |faces: &str, rows: &str| {
+        let header = format!("element vertex 3\n{XYZ}\n{faces}");
+        let bytes = ascii(&header, &format!("0 0 0\n1 0 0\n1 1 0\n{rows}"));
+        read_mesh(&bytes).unwrap_err().to_string()
+    };
+    let list = "property list uchar int vertex_indices";
+    for (faces, rows, expected) in [
+        ("", "", "found 3 vertices and no faces"),
+        (
+            &format!("element face 0\n{list}")[..],
+            "",
+            "found 3 vertices and no faces",
+        ),
+        (
+            &format!("element face 1\n{list}"),
+            "2 0 1",
+            "found 3 vertices and no faces",
+        ),
+        (
+            &format!("element face 1\n{list}"),
+            "3 0 1 3",
+            "face 0: expected vertex indices below 3, found 3",
+        ),
+        (
+            &format!("element face 1\n{list}"),
+            "3 0 1 -1",
+            "expected vertex indices below 3, found -1",
+        ),
+        (
+            &format!("element face 1\n{list}"),
+            "3 0 1 0.5",
+            "expected vertex indices below 3, found 0.5",
+        ),
+        (
+            &format!("element face 1\n{list}"),
+            "3 0 1 nan",
+            "expected vertex indices below 3, found NaN",
+        ),
+        (
+            &format!("element face 1\n{list}\nproperty list uchar float texcoord"),
+            "3 0 1 2 4 0 0 0 0",
+            "expected 6 or no texture coordinates, found 4",
+        ),
+        (
+            "element face 1\nproperty int a",
+            "3",
+            "expected a list property vertex_indices or vertex_index",
+        ),
+        (
+            &format!("element face 2\n{list}"),
+            "3 0 1 2\n",
+            "face 1: expected 2 of them",
+        ),
+    ] {
+        let error = with(faces, rows);
+        assert!(error.contains(expected), "{error}");
+    }
+    let header = format!("element vertex 3\n{XYZ}\nelement face 1\n{list}");
+    let error = read_mesh(&ascii(&header, "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2"))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("expected finite vertices"), "{error}");
+}
+
+#[test]
+fn broken_clouds_get_one_sentence() {
+    for (header, body, expected) in [
+        (
+            "element point 1\nproperty float x",
+            "1",
+            "header: expected an element `vertex`, found none",
+        ),
+        (
+            "element vertex 1\nproperty float x\nproperty int i",
+            "1 2",
+            "element vertex: expected properties x, y and z, found x, i",
+        ),
+        (
+            "element vertex 4",
+            "",
+            "expected properties x, y and z, found none",
+        ),
+        (
+            &format!("element vertex 4000000000\n{XYZ}"),
+            "1 2 3\n",
+            "element vertex: expected 4000000000 of at least 6 bytes each as the header says, found 6 bytes, enough for 1",
+        ),
+        (
+            &format!("element vertex 2\n{XYZ}"),
+            "1 2 3\n4 5\n\n\n",
+            "vertex 1 (line 9): expected the values of 3 properties, found 2 numbers",
+        ),
+    ] {
+        let error = read_cloud(&ascii(header, body)).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let mut bytes =
+        format!("ply\nformat binary_little_endian 1.0\nelement vertex 3\n{XYZ}\nend_header\n")
+            .into_bytes();
+    bytes.extend([0; 30]);
+    let error = read_cloud(&bytes).unwrap_err().to_string();
+    assert!(
+        error.contains(
+            "expected 3 of at least 12 bytes each as the header says, found 30 bytes, enough for 2"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn no_vertices_are_an_empty_cloud() {
+    assert!(
+        read_cloud(&ascii(&format!("element vertex 0\n{XYZ}"), ""))
+            .unwrap()
+            .is_empty()
+    );
+}

@@ -1,0 +1,235 @@
+//! A scene folder of the BlendedMVS kind.
+//!
+//! ```text
+//! ROOT/BlendedMVS_training.txt …              lists of scene ids, one a line
+//! ROOT/<id>/blended_images/00000000.jpg       and 00000000_masked.jpg, background 0
+//! ROOT/<id>/cams/00000000_cam.txt             and pair.txt
+//! ROOT/<id>/rendered_depth_maps/00000000.pfm  z-depth, 0 = none
+//! ```
+//!
+//! Written is the subset that the strictest public readers take: nothing but these files in those
+//! three folders. What this program adds stands in folders beside them and in `scene.json`.
+
+pub mod record;
+
+use super::files;
+use super::mvsnet::{self, CamsOptions, PixelCentre};
+use crate::error::{Error, Result};
+use crate::format::image::{self, JpegOptions};
+use crate::format::pfm;
+use crate::scene::{ColorImage, DepthMap, Mask, NormalMap, RejectedDepths, Scene, View};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The paths of one scene folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BlendedFolder {
+    path: PathBuf,
+}
+
+impl BlendedFolder {
+    /// The scene folder at `path`, there or not.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into() }
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn of_view(&self, folder: &str, id: u32, suffix: &str) -> PathBuf {
+        self.path.join(folder).join(mvsnet::file_name(id, suffix))
+    }
+
+    /// The blended image of a view.
+    pub fn image(&self, id: u32) -> PathBuf {
+        self.of_view("blended_images", id, ".jpg")
+    }
+
+    /// The blended image with background 0.
+    pub fn masked_image(&self, id: u32) -> PathBuf {
+        self.of_view("blended_images", id, "_masked.jpg")
+    }
+
+    /// The camera of a view.
+    pub fn cam(&self, id: u32) -> PathBuf {
+        self.of_view("cams", id, "_cam.txt")
+    }
+
+    /// The source views of all views.
+    pub fn pairs(&self) -> PathBuf {
+        self.path.join("cams").join("pair.txt")
+    }
+
+    /// The rendered depth of a view.
+    pub fn depth(&self, id: u32) -> PathBuf {
+        self.of_view("rendered_depth_maps", id, ".pfm")
+    }
+
+    /// The photograph of a view, in the render's camera.
+    pub fn input_image(&self, id: u32) -> PathBuf {
+        self.of_view("input_images", id, ".jpg")
+    }
+
+    /// The rendering of a view.
+    pub fn rendered_image(&self, id: u32) -> PathBuf {
+        self.of_view("rendered_images", id, ".png")
+    }
+
+    /// The mask of a view: 255 where there is rendered surface.
+    pub fn mask(&self, id: u32) -> PathBuf {
+        self.of_view("masks", id, ".png")
+    }
+
+    /// The normals of a view, camera frame, facing the camera, 0 = none.
+    pub fn normals(&self, id: u32) -> PathBuf {
+        self.of_view("normals", id, ".pfm")
+    }
+
+    /// Where depth jumps: 255 on both sides of a jump.
+    pub fn depth_edges(&self, id: u32) -> PathBuf {
+        self.of_view("depth_edges", id, ".png")
+    }
+
+    /// Where the surface of `reference` is seen by `source`.
+    pub fn occlusion(&self, reference: u32, source: u32) -> PathBuf {
+        let name = format!("{reference:08}_{source:08}.png");
+        self.path.join("occlusion").join(name)
+    }
+
+    /// How much of each view's surface each other view sees.
+    pub fn covisibility(&self) -> PathBuf {
+        self.path.join("covisibility.npy")
+    }
+
+    /// What the scene is and by which conventions; see [`record::SceneFile`].
+    pub fn record(&self) -> PathBuf {
+        self.path.join("scene.json")
+    }
+
+    /// Reads cameras and source views. The image size is read from the images' headers, the pixel
+    /// centre from `scene.json`; without one it is (0.5, 0.5), as the set's authors say, or what
+    /// `pixel_centre` says.
+    pub fn read_scene(&self, pixel_centre: Option<PixelCentre>) -> Result<Scene> {
+        let recorded = || Ok(record::read(&self.record())?.map(|record| record.pixel_centre));
+        let pixel_centre = match pixel_centre {
+            Some(given) => given,
+            None => recorded()?.unwrap_or_default(),
+        };
+        let options = CamsOptions {
+            pixel_centre,
+            size: self.image_size()?,
+        };
+        mvsnet::read_scene(&self.path.join("cams"), &options)
+    }
+
+    /// The (width, height) of the first image by name, if there is any.
+    fn image_size(&self) -> Result<Option<(u32, u32)>> {
+        let folder = self.path.join("blended_images");
+        if !folder.is_dir() {
+            return Ok(None);
+        }
+        let Some(first) = names_in(&folder)?.into_iter().find(|name| is_image(name)) else {
+            return Ok(None);
+        };
+        let path = folder.join(first);
+        let bytes = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
+        let size = image::read_size(&bytes).map_err(Error::in_file(&path))?;
+        Ok(Some(size))
+    }
+
+    /// Reads the depth map of a view.
+    pub fn read_depth(&self, id: u32) -> Result<(DepthMap, RejectedDepths)> {
+        files::read_depth(&self.depth(id))
+    }
+
+    /// Reads the blended image of a view.
+    pub fn read_image(&self, id: u32) -> Result<ColorImage> {
+        files::read_image(&self.image(id))
+    }
+
+    /// Writes an image as JPEG.
+    pub fn write_jpeg(path: &Path, image: &ColorImage, options: JpegOptions) -> Result<()> {
+        files::write_atomically(path, |out| image::write_jpeg(out, image, options))
+    }
+
+    /// Writes an image as PNG.
+    pub fn write_png(path: &Path, image: &ColorImage) -> Result<()> {
+        files::write_atomically(path, |out| image::write_png(out, image))
+    }
+
+    /// Writes a mask as PNG of 0 and 255.
+    pub fn write_mask(path: &Path, mask: &Mask) -> Result<()> {
+        files::write_atomically(path, |out| image::write_mask_png(out, mask))
+    }
+
+    /// Writes a view's depth.
+    pub fn write_depth(&self, id: u32, depth: &DepthMap) -> Result<()> {
+        files::write_atomically(&self.depth(id), |out| pfm::write_gray(out, depth.raster()))
+    }
+
+    /// Writes a view's normals.
+    pub fn write_normals(&self, id: u32, normals: &NormalMap) -> Result<()> {
+        files::write_atomically(&self.normals(id), |out| pfm::write_color(out, normals))
+    }
+
+    /// Writes a view's camera; the view needs a depth range.
+    pub fn write_cam(&self, view: &View, pixel_centre: PixelCentre) -> Result<()> {
+        mvsnet::write_view(&self.cam(view.id), view, pixel_centre)
+    }
+}
+
+/// The 24 hexadecimal digits of a scene's folder; the published set has no others.
+pub fn is_scene_id(id: &str) -> bool {
+    id.len() == 24 && id.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
+}
+
+/// The scene folders of `root`, by name: those with a `cams/pair.txt`.
+pub fn scenes_in(root: &Path) -> Result<Vec<String>> {
+    let names = names_in(root)?;
+    let is_scene = |name: &String| BlendedFolder::new(root.join(name)).pairs().is_file();
+    Ok(names.into_iter().filter(is_scene).collect())
+}
+
+/// Writes the list files for the scenes of `root`: those of `validation` are for validation, all
+/// others for training.
+pub fn write_lists(root: &Path, validation: &[String]) -> Result<()> {
+    let all = scenes_in(root)?;
+    let (held_out, training): (Vec<_>, Vec<_>) =
+        all.iter().cloned().partition(|id| validation.contains(id));
+    let lists = [
+        ("BlendedMVS_list.txt", &all),
+        ("BlendedMVS_training.txt", &training),
+        ("BlendedMVG_training.txt", &training),
+        ("training_list.txt", &training),
+        ("validation_list.txt", &held_out),
+        ("all_list.txt", &all),
+    ];
+    for (name, ids) in lists {
+        files::write_atomically(&root.join(name), |out| {
+            ids.iter().try_for_each(|id| writeln!(out, "{id}"))
+        })?;
+    }
+    Ok(())
+}
+
+/// The names of what a folder holds, in order.
+pub fn names_in(folder: &Path) -> Result<Vec<String>> {
+    let entries = std::fs::read_dir(folder).map_err(Error::io(folder, "read the folder"))?;
+    let mut names = Vec::new();
+    for entry in entries {
+        let entry = entry.map_err(Error::io(folder, "read the folder"))?;
+        names.push(entry.file_name().to_string_lossy().into_owned());
+    }
+    names.sort();
+    Ok(names)
+}
+
+/// Whether the name is that of an image that can be read.
+fn is_image(name: &str) -> bool {
+    let lower = name.to_ascii_lowercase();
+    [".jpg", ".jpeg", ".png"]
+        .iter()
+        .any(|end| lower.ends_with(end))
+}

@@ -1,0 +1,260 @@
+//! Which views see the same surface, and under which angle: source views and co-visibility.
+
+use crate::error::{Error, Result};
+use crate::parallel;
+use crate::progress::Progress;
+use crate::render::Renderer;
+use glam::{DVec2, DVec3};
+use mvs_datasets::scene::{Mesh, SourceScore, View};
+use serde::{Deserialize, Serialize};
+
+/// How source views are chosen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PairOptions {
+    /// Points looked at per view: about this many on a regular grid over the image.
+    pub points: u32,
+    /// The angle between two lines of sight that is best, in degrees.
+    pub best_angle: f64,
+    /// Standard deviation in degrees below the best angle.
+    pub sigma_below: f64,
+    /// Standard deviation in degrees above the best angle.
+    pub sigma_above: f64,
+    /// Source views per view, at most.
+    pub sources: usize,
+}
+
+impl Default for PairOptions {
+    /// The weights of MVSNet's view selection, and its ten source views.
+    fn default() -> Self {
+        Self {
+            points: 3072,
+            best_angle: 5.0,
+            sigma_below: 1.0,
+            sigma_above: 10.0,
+            sources: 10,
+        }
+    }
+}
+
+impl PairOptions {
+    fn check(&self) -> Result<()> {
+        let sigmas = [self.sigma_below, self.sigma_above];
+        if self.points == 0 || self.sources == 0 {
+            let problem = "expected at least 1 point and 1 source view per view, found 0";
+            return Err(Error::invalid("view selection", problem));
+        }
+        if !self.best_angle.is_finite() || sigmas.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
+            let problem = format!(
+                "expected a finite angle and standard deviations above 0 degrees, found {}, {} and {}",
+                self.best_angle, self.sigma_below, self.sigma_above
+            );
+            return Err(Error::invalid("view selection", problem));
+        }
+        Ok(())
+    }
+
+    /// The weight of a point seen by two cameras under `angle` degrees.
+    pub fn weight(&self, angle: f64) -> f64 {
+        let sigma = if angle <= self.best_angle {
+            self.sigma_below
+        } else {
+            self.sigma_above
+        };
+        (-(angle - self.best_angle).powi(2) / (2.0 * sigma * sigma)).exp()
+    }
+}
+
+/// What each view sees of what the others see. Square tables, row = reference view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covisibility {
+    views: usize,
+    /// Per mille: weighted points of the reference seen by the other, of all its grid points.
+    scores: Vec<f64>,
+    /// Fraction of the reference's surface points that the other sees.
+    shared: Vec<f32>,
+}
+
+/// A point of the surface as one view sees it.
+struct SurfacePoint {
+    position: DVec3,
+    /// Normal on the side that the view sees.
+    normal: DVec3,
+}
+
+impl Covisibility {
+    /// Looks from every view at a grid of surface points and from every other view at those.
+    ///
+    /// A point counts for another view when it projects inside that view's image, faces it, and no
+    /// surface stands between.
+    pub fn measure(
+        (renderer, mesh): (&Renderer, &Mesh),
+        views: &[View],
+        options: &PairOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        options.check()?;
+        progress.begin("finding source views", views.len() as u64);
+        let rows = parallel::try_map(views.len(), |reference| {
+            progress.check()?;
+            let (points, looked_at) = surface_points((renderer, mesh), &views[reference], options);
+            let row = views
+                .iter()
+                .map(|other| compare(renderer, &points, (&views[reference], other), options))
+                .map(|(weight, seen)| {
+                    let surface = points.len().max(1) as f64;
+                    (
+                        1000.0 * weight / looked_at as f64,
+                        (seen as f64 / surface) as f32,
+                    )
+                })
+                .collect::<Vec<_>>();
+            progress.advance(1);
+            Ok(row)
+        })?;
+        let (scores, shared) = rows.into_iter().flatten().unzip();
+        Ok(Self {
+            views: views.len(),
+            scores,
+            shared,
+        })
+    }
+
+    /// Number of views.
+    pub fn views(&self) -> usize {
+        self.views
+    }
+
+    /// The fraction of the surface seen by view `reference` that view `other` sees too; row-major.
+    pub fn shared(&self) -> &[f32] {
+        &self.shared
+    }
+
+    /// The score of two views: the mean of both directions, rounded to 4 decimals.
+    pub fn score(&self, first: usize, second: usize) -> f64 {
+        let at = |row: usize, column: usize| self.scores[row * self.views + column];
+        (5000.0 * (at(first, second) + at(second, first))).round() / 10_000.0
+    }
+
+    /// Source views of each view: other views with a score above 0, the best `count`, best first,
+    /// equal scores by ascending id. A view without any is nobody's source either.
+    pub fn sources(&self, views: &[View], count: usize) -> Vec<Vec<SourceScore>> {
+        let of_view = |reference: usize| {
+            let others = (0..self.views).filter(|&other| other != reference);
+            let scored = others.map(|other| SourceScore {
+                id: views[other].id,
+                score: self.score(reference, other),
+            });
+            let mut sources: Vec<_> = scored.filter(|source| source.score > 0.0).collect();
+            sources.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
+            sources.truncate(count);
+            sources
+        };
+        (0..self.views).map(of_view).collect()
+    }
+}
+
+/// The surface points that `view` sees on its grid, and how many grid points there are.
+fn surface_points(
+    (renderer, mesh): (&Renderer, &Mesh),
+    view: &View,
+    options: &PairOptions,
+) -> (Vec<SurfacePoint>, usize) {
+    let camera = &view.camera;
+    let pixels = f64::from(camera.width()) * f64::from(camera.height());
+    let stride = (pixels / f64::from(options.points)).sqrt().max(1.0);
+    let steps = |length: u32| (f64::from(length) / stride).floor().max(1.0);
+    let (columns, rows) = (steps(camera.width()), steps(camera.height()));
+    let center = view.pose.center_in_world();
+    let mut points = Vec::new();
+    for row in 0..rows as u32 {
+        for column in 0..columns as u32 {
+            // At pixel centres, so that a surface seen here has a depth in the rendered map.
+            let centre = |index: u32, length: u32, steps: f64| {
+                ((f64::from(index) + 0.5) * f64::from(length) / steps).floor() + 0.5
+            };
+            let pixel = DVec2::new(
+                centre(column, camera.width(), columns),
+                centre(row, camera.height(), rows),
+            );
+            let direction = view.pose.direction_to_world(camera.ray(pixel));
+            if let Some(hit) = renderer.first_hit(center, direction, (0.0, f64::INFINITY)) {
+                points.push(SurfacePoint {
+                    position: center + hit.distance * direction,
+                    normal: normal_towards(mesh, hit.triangle, -direction),
+                });
+            }
+        }
+    }
+    (points, (columns * rows) as usize)
+}
+
+/// The triangle's unit normal on the side of `direction`; zero for a degenerate triangle.
+pub(super) fn normal_towards(mesh: &Mesh, triangle: usize, direction: DVec3) -> DVec3 {
+    let [a, b, c] = mesh.corners(triangle);
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    if normal.dot(direction) < 0.0 {
+        -normal
+    } else {
+        normal
+    }
+}
+
+/// The sum of weights and the number of `points` that the second view sees too.
+fn compare(
+    renderer: &Renderer,
+    points: &[SurfacePoint],
+    (reference, other): (&View, &View),
+    options: &PairOptions,
+) -> (f64, usize) {
+    let centers = (
+        reference.pose.center_in_world(),
+        other.pose.center_in_world(),
+    );
+    let mut sum = 0.0;
+    let mut seen = 0;
+    for point in points {
+        if sees(renderer, other, point.position, point.normal) {
+            seen += 1;
+            sum += options.weight(angle_at(point.position, centers));
+        }
+    }
+    (sum, seen)
+}
+
+/// The angle at `point` between the two cameras, in degrees.
+fn angle_at(point: DVec3, (first, second): (DVec3, DVec3)) -> f64 {
+    let (a, b) = (first - point, second - point);
+    // atan2 of sine and cosine: right to the last digit at small angles, never NaN.
+    a.cross(b).length().atan2(a.dot(b)).to_degrees()
+}
+
+/// How far, relative to its distance, the surface itself may stand before the point looked at.
+pub(super) const SELF_TOLERANCE: f64 = 1e-5;
+
+/// Whether `view` sees the surface point at `position` (world) with unit `normal`: it projects
+/// inside the image, the normal's side faces the camera, and nothing stands between.
+pub(super) fn sees(renderer: &Renderer, view: &View, position: DVec3, normal: DVec3) -> bool {
+    in_frame(view, position) && unoccluded(renderer, view, position, normal)
+}
+
+/// Whether `position` (world) projects inside the image.
+pub(super) fn in_frame(view: &View, position: DVec3) -> bool {
+    let pixel = view.camera.project(view.pose.to_cam(position));
+    pixel.is_some_and(|pixel| view.camera.contains(pixel))
+}
+
+/// Whether the normal's side faces the camera and no surface stands between.
+pub(super) fn unoccluded(renderer: &Renderer, view: &View, position: DVec3, normal: DVec3) -> bool {
+    let center = view.pose.center_in_world();
+    let direction = position - center;
+    if normal.dot(direction) >= 0.0 {
+        return false;
+    }
+    let lifted = direction + normal * (SELF_TOLERANCE * direction.length());
+    let blocker = renderer.first_hit(center, lifted, (0.0, 1.0 - SELF_TOLERANCE));
+    blocker.is_none()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,131 @@
+//! What a scene's content follows from, as hashes: a view is finished when a view of the same hash
+//! was, not when its files merely exist.
+
+use super::{GenerateOptions, Photographs};
+use crate::error::{Error, Result};
+use mvs_datasets::scene::{Mesh, View};
+use serde::Serialize;
+
+/// Changes when the same inputs would no longer give the same files.
+const PROCEDURE: &str = "generate 1";
+
+/// A hash of a mesh's content, textures included.
+pub fn mesh_digest(mesh: &Mesh) -> String {
+    let mut hasher = blake3::Hasher::new();
+    let mut bytes = Vec::new();
+    let mut feed = |bytes: &mut Vec<u8>| {
+        hasher.update(&(bytes.len() as u64).to_le_bytes());
+        hasher.update(bytes);
+        bytes.clear();
+    };
+    for block in mesh.vertices().chunks(1 << 16) {
+        let numbers = block.iter().flat_map(|vertex| vertex.to_array());
+        bytes.extend(numbers.flat_map(f64::to_le_bytes));
+        feed(&mut bytes);
+    }
+    for block in mesh.triangles().chunks(1 << 16) {
+        bytes.extend(block.iter().flatten().flat_map(|index| index.to_le_bytes()));
+        feed(&mut bytes);
+    }
+    for block in mesh.texture_coords().unwrap_or_default().chunks(1 << 16) {
+        let numbers = block.iter().flatten().flat_map(|uv| uv.to_array());
+        bytes.extend(numbers.flat_map(f32::to_le_bytes));
+        feed(&mut bytes);
+    }
+    bytes.extend(mesh.vertex_colors().unwrap_or_default().iter().flatten());
+    feed(&mut bytes);
+    let materials = mesh.triangle_materials().unwrap_or_default();
+    bytes.extend(materials.iter().flat_map(|index| index.to_le_bytes()));
+    feed(&mut bytes);
+    for material in mesh.materials() {
+        bytes.extend(material.color);
+        if let Some(texture) = &material.texture {
+            bytes.extend(texture.width().to_le_bytes());
+            bytes.extend(texture.values().iter().flatten());
+        }
+        feed(&mut bytes);
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+/// A hash of a serialised value.
+pub(super) fn digest_of(value: &impl Serialize) -> Result<String> {
+    let text =
+        serde_json::to_vec(value).map_err(|error| Error::invalid("plan", error.to_string()))?;
+    Ok(blake3::hash(&text).to_hex().to_string())
+}
+
+/// What all views of a scene have in common.
+pub(super) fn scene_digest(mesh: &Mesh, options: &GenerateOptions) -> Result<String> {
+    digest_of(&(
+        PROCEDURE,
+        crate::provenance::VERSION,
+        mesh_digest(mesh),
+        options,
+    ))
+}
+
+/// A view's camera and pose, to the last bit.
+pub(super) fn view_numbers(view: &View) -> (u32, String, Vec<f64>) {
+    let camera = &view.camera;
+    let mut numbers = vec![f64::from(camera.width()), f64::from(camera.height())];
+    numbers.extend(camera.focal().to_array());
+    numbers.extend(camera.center().to_array());
+    numbers.extend(view.pose.matrix().to_cols_array());
+    (view.id, view.name.clone(), numbers)
+}
+
+/// What the content of one view follows from: the scene's digest, the view (as given and fitted),
+/// the photograph and the views whose sight of it is recorded with it.
+pub(super) fn view_digest(
+    scene: &str,
+    (view, fitted): (&View, &View),
+    photographs: &dyn Photographs,
+    others: &[View],
+) -> Result<String> {
+    let others: Vec<_> = others.iter().map(view_numbers).collect();
+    let photograph = photographs.digest(view)?;
+    digest_of(&(
+        scene,
+        view_numbers(view),
+        view_numbers(fitted),
+        photograph,
+        others,
+    ))
+}
+
+/// A scene's folder name: the first 24 hexadecimal digits of a hash of its name.
+pub fn scene_id(name: &str) -> String {
+    blake3::hash(name.as_bytes()).to_hex()[..24].to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use mvs_datasets::layout::blended::is_scene_id;
+
+    fn mesh() -> Mesh {
+        Mesh::new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]]).unwrap()
+    }
+
+    #[test]
+    fn any_change_of_the_mesh_shows() {
+        let moved = Mesh::new(
+            vec![DVec3::ZERO, DVec3::X, DVec3::Y * (1.0 + f64::EPSILON)],
+            vec![[0, 1, 2]],
+        );
+        let colored = mesh().with_vertex_colors(vec![[0; 3], [0; 3], [0, 0, 1]]);
+        let variants = [mesh(), moved.unwrap(), colored.unwrap()].map(|m| mesh_digest(&m));
+        assert_eq!(variants[0], mesh_digest(&mesh()));
+        assert!(variants[0] != variants[1] && variants[0] != variants[2]);
+        assert_ne!(variants[1], variants[2]);
+    }
+
+    #[test]
+    fn ids_are_24_hexadecimal_digits_of_the_name() {
+        assert!(is_scene_id(&scene_id("saharov")));
+        assert_ne!(scene_id("a"), scene_id("b"));
+        assert!(!is_scene_id("saharov") && !is_scene_id(&"A".repeat(24)));
+    }
+}

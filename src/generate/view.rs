@@ -1,0 +1,251 @@
+//! One view: render, blend, write, and remember what was written.
+
+use super::masked;
+use super::plan;
+use super::range::{self, RangeRule};
+use super::{Extra, Fit, GenerateOptions, Source};
+use crate::blend::{self, Blender};
+use crate::error::{Error, Result};
+use crate::provenance;
+use crate::render::{Renderer, Rendering};
+use mvs_datasets::format::image::JpegOptions;
+use mvs_datasets::layout::blended::record::{self, ViewRecord};
+use mvs_datasets::layout::blended::{self, BlendedFolder};
+use mvs_datasets::layout::files;
+use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, View};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// What is needed to finish any view of a scene.
+pub(super) struct ViewWork<'a> {
+    pub(super) source: &'a Source<'a>,
+    pub(super) renderer: &'a Renderer<'a>,
+    pub(super) folder: &'a BlendedFolder,
+    pub(super) options: &'a GenerateOptions,
+    pub(super) scene_digest: &'a str,
+}
+
+/// The images of one view, of one size.
+struct Images {
+    photograph: ColorImage,
+    rendering: Rendering,
+    blended: ColorImage,
+    masked: ColorImage,
+}
+
+/// Refuses a quality that no JPEG has.
+pub(super) fn check_jpeg_quality(quality: u8) -> Result<()> {
+    if (1..=100).contains(&quality) {
+        return Ok(());
+    }
+    let problem = format!("expected 1 to 100, found {quality}");
+    Err(Error::invalid("JPEG quality", problem))
+}
+
+impl ViewWork<'_> {
+    /// Makes the view's files, unless they are there and follow from the same inputs.
+    pub(super) fn finish(&self, given: &View, fitted: &View) -> Result<ViewRecord> {
+        let digest = plan::view_digest(
+            self.scene_digest,
+            (given, fitted),
+            self.source.photographs,
+            &[],
+        )?;
+        let path = record_path(self.folder, fitted.id);
+        if let Some(record) = finished(self.folder, &path, &digest) {
+            return Ok(record);
+        }
+        let images = self.images(given, fitted)?;
+        let record = self.write(fitted, &images, digest)?;
+        record::write_json(&path, &record)?;
+        Ok(record)
+    }
+
+    /// Renders and blends.
+    fn images(&self, given: &View, fitted: &View) -> Result<Images> {
+        let rendering = self.renderer.render(fitted, &self.options.render)?;
+        let photograph = self.source.photographs.photograph(given, &rendering)?;
+        let named = |error| Error::invalid(format!("view {}", given.id), format!("{error}"));
+        let photograph = Fit::new(&given.camera, self.options.size)?
+            .image(&photograph)
+            .map_err(named)?;
+        let mask = rendering.depth.valid_mask();
+        let blender = Blender::new(mask.size(), &self.options.blend)?;
+        let blended = blender.blend(&rendering.color, &photograph, &mask)?;
+        Ok(Images {
+            masked: blend::masked(&blended, &mask)?,
+            photograph,
+            rendering,
+            blended,
+        })
+    }
+
+    /// The view's depth range, and a warning where the wanted rule left nothing inside.
+    fn range(&self, view: &View, depth: &DepthMap) -> Result<(DepthRange, Option<String>)> {
+        let (rule, margin) = (self.options.range, self.options.range_margin);
+        let none = || {
+            let problem = "expected rendered surface at some pixel centre, found none";
+            Error::invalid(format!("view {}", view.id), problem)
+        };
+        let range = range::depth_range(depth, rule, margin)?.ok_or_else(none)?;
+        if range::kept_by_readers(depth, &range) > 0 {
+            return Ok((range, None));
+        }
+        let widened = range::depth_range(depth, RangeRule::Widened, margin)?.ok_or_else(none)?;
+        let warning = format!(
+            "view {} has no depth inside its range {} to {}; it was widened to {} to {}",
+            view.id,
+            range.min(),
+            range.max(),
+            widened.min(),
+            widened.max()
+        );
+        Ok((widened, Some(warning)))
+    }
+
+    /// Writes all files of the view.
+    fn write(&self, view: &View, images: &Images, digest: String) -> Result<ViewRecord> {
+        let (folder, id, rendering) = (self.folder, view.id, &images.rendering);
+        let jpeg = JpegOptions {
+            quality: self.options.jpeg_quality,
+            subsample_chroma: !self.options.full_chroma,
+        };
+        let (range, warning) = self.range(view, &rendering.depth)?;
+        let ranged = View {
+            depth_range: Some(range),
+            ..view.clone()
+        };
+        BlendedFolder::write_jpeg(&folder.image(id), &images.blended, jpeg)?;
+        let masked = masked::encode(&images.masked, &rendering.depth.valid_mask(), jpeg)?;
+        files::write_atomically(&folder.masked_image(id), |out| out.write_all(&masked))?;
+        folder.write_depth(id, &rendering.depth)?;
+        folder.write_cam(&ranged, self.options.pixel_centre)?;
+        let mut written = vec![
+            folder.image(id),
+            folder.masked_image(id),
+            folder.depth(id),
+            folder.cam(id),
+        ];
+        for extra in &self.options.extras {
+            written.extend(self.write_extra(*extra, id, images)?);
+        }
+        Ok(ViewRecord {
+            id,
+            name: view.name.clone(),
+            plan: digest,
+            size: rendering.depth.size(),
+            depth: extent(&rendering.depth),
+            range: (range.min(), range.max()),
+            surface: rendering.depth.valid_count(),
+            kept_by_readers: range::kept_by_readers(&rendering.depth, &range),
+            files: hashes(folder.path(), &written)?,
+            warnings: warning
+                .into_iter()
+                .map(|message| ("range-widened".to_owned(), message))
+                .collect(),
+        })
+    }
+
+    fn write_extra(&self, extra: Extra, id: u32, images: &Images) -> Result<Option<PathBuf>> {
+        let folder = self.folder;
+        let path = match extra {
+            Extra::InputImages => {
+                let path = folder.input_image(id);
+                BlendedFolder::write_jpeg(&path, &images.photograph, JpegOptions::default())?;
+                path
+            }
+            Extra::RenderedImages => {
+                let path = folder.rendered_image(id);
+                BlendedFolder::write_png(&path, &images.rendering.color)?;
+                path
+            }
+            Extra::Masks => {
+                let path = folder.mask(id);
+                BlendedFolder::write_mask(&path, &images.rendering.depth.valid_mask())?;
+                path
+            }
+            Extra::Normals => {
+                folder.write_normals(id, &images.rendering.normals)?;
+                folder.normals(id)
+            }
+            Extra::Covisibility => return Ok(None),
+        };
+        Ok(Some(path))
+    }
+}
+
+/// Removes what earlier or interrupted runs left in the scene's folders and this one would not have
+/// written: files named like a view's, and temporary files. Anything else is left alone.
+pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -> Result<()> {
+    let mut kept: BTreeSet<PathBuf> = records
+        .iter()
+        .flat_map(|record| record.files.keys())
+        .map(|name| folder.path().join(name))
+        .collect();
+    kept.extend(records.iter().map(|record| record_path(folder, record.id)));
+    for name in FOLDERS {
+        let inside = folder.path().join(name);
+        if !inside.is_dir() {
+            continue;
+        }
+        for file in blended::names_in(&inside)? {
+            let path = inside.join(&file);
+            let ours = file.starts_with(".tmp") || starts_with_id(&file);
+            if ours && path.is_file() && !kept.contains(&path) {
+                std::fs::remove_file(&path).map_err(mvs_datasets::Error::io(&path, "remove"))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The scene's folder and those in it that hold files of views.
+const FOLDERS: [&str; 9] = [
+    "",
+    "blended_images",
+    "cams",
+    "rendered_depth_maps",
+    "input_images",
+    "rendered_images",
+    "masks",
+    "normals",
+    "views",
+];
+
+fn starts_with_id(file: &str) -> bool {
+    let digits = file.bytes().take_while(u8::is_ascii_digit).count();
+    digits >= 8
+}
+
+/// Where the record of a finished view stands.
+fn record_path(folder: &BlendedFolder, id: u32) -> PathBuf {
+    folder.path().join("views").join(format!("{id:08}.json"))
+}
+
+/// The record at `path` if it is of the same plan and its files are what it says.
+fn finished(folder: &BlendedFolder, path: &Path, digest: &str) -> Option<ViewRecord> {
+    let record: ViewRecord = record::read_json(path).ok()??;
+    let unchanged = |(name, hash): (&String, &String)| {
+        provenance::hash_path(&folder.path().join(name)).is_ok_and(|now| now == *hash)
+    };
+    (record.plan == digest && record.files.iter().all(unchanged)).then_some(record)
+}
+
+/// The smallest and the largest depth.
+fn extent(depth: &DepthMap) -> (f32, f32) {
+    let valid = depth.values().iter().copied().filter(|&z| z > 0.0);
+    valid.fold((f32::INFINITY, 0.0), |(low, high), z| {
+        (low.min(z), high.max(z))
+    })
+}
+
+/// BLAKE3 of each path, by its path in `root`.
+fn hashes(root: &Path, paths: &[PathBuf]) -> Result<BTreeMap<String, String>> {
+    let hash = |path: &PathBuf| {
+        let inside = path.strip_prefix(root).unwrap_or(path);
+        let name = inside.to_string_lossy().replace('\\', "/");
+        Ok((name, provenance::hash_path(path)?))
+    };
+    paths.iter().map(hash).collect()
+}

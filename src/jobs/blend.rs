@@ -1,0 +1,165 @@
+//! `mvs-eval blend`: renderings + photographs → blended images.
+
+use super::{Context, OutDir};
+use crate::blend::{BlendOptions, Blender, masked};
+use crate::error::{Error, Result};
+use crate::generate::resized;
+use crate::parallel;
+use crate::provenance::Run;
+use mvs_datasets::format::image::{self, JpegOptions};
+use mvs_datasets::layout::files;
+use mvs_datasets::scene::{ColorImage, Mask};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Options of `mvs-eval blend`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BlendJob {
+    /// What `render` wrote (`color/` and `depth/`), or a folder of renderings on black.
+    pub rendered: PathBuf,
+    /// A folder of photographs with the renderings' names; resized to the renderings' size.
+    pub photos: PathBuf,
+    /// The folder for `<name>.jpg` and `<name>_masked.jpg`.
+    pub out: PathBuf,
+    /// How to blend.
+    pub blend: BlendOptions,
+}
+
+/// What was blended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BlendOutcome {
+    /// The images, by name.
+    pub images: Vec<BlendedImage>,
+}
+
+/// One blended image.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BlendedImage {
+    /// The file's name without ending.
+    pub name: String,
+    /// Width and height in pixels.
+    pub size: (u32, u32),
+    /// Whether the photograph had another size and was resized.
+    pub resized: bool,
+    /// Mean absolute difference of rendering and photograph on the surface, in grey levels.
+    pub difference_before: f64,
+    /// The same of blended image and photograph.
+    pub difference_after: f64,
+}
+
+/// The files of one image.
+struct Input {
+    name: String,
+    rendering: PathBuf,
+    depth: Option<PathBuf>,
+    photograph: PathBuf,
+}
+
+/// Blends every rendering with the photograph of its name.
+pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
+    let inputs = find_inputs(job)?;
+    let run = Run::new("blend", job, &[&job.rendered, &job.photos])?;
+    let out = OutDir::create(&job.out, run, context.force)?;
+    context.progress.begin("blending", inputs.len() as u64);
+    let images = parallel::try_map(inputs.len(), |index| {
+        context.progress.check()?;
+        let image = blend_one(&inputs[index], job, &out)?;
+        context.progress.advance(1);
+        Ok(image)
+    })?;
+    out.finish()?;
+    Ok(BlendOutcome { images })
+}
+
+/// Pairs renderings with photographs by name.
+fn find_inputs(job: &BlendJob) -> Result<Vec<Input>> {
+    let color = job.rendered.join("color");
+    let from_render = color.is_dir();
+    let renderings = images_in(if from_render { &color } else { &job.rendered })?;
+    let photographs = images_in(&job.photos)?;
+    if renderings.is_empty() {
+        let problem = "expected renderings (.png or .jpg) here or in color/, found none";
+        return Err(mvs_datasets::Error::layout(&job.rendered, problem).into());
+    }
+    let pair = |(name, rendering): (String, PathBuf)| {
+        let missing = || {
+            let problem = format!("expected a photograph of the name `{name}`, found none");
+            mvs_datasets::Error::layout(&job.photos, problem)
+        };
+        let photograph = photographs.get(&name).ok_or_else(missing)?.clone();
+        let depth = job.rendered.join("depth").join(format!("{name}.pfm"));
+        Ok(Input {
+            name,
+            rendering,
+            depth: from_render.then_some(depth),
+            photograph,
+        })
+    };
+    renderings.into_iter().map(pair).collect()
+}
+
+/// The images of a folder by name without ending.
+fn images_in(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
+    let io = |action| mvs_datasets::Error::io(folder, action);
+    let mut images = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).map_err(io("read the folder"))? {
+        let path = entry.map_err(io("read the folder"))?.path();
+        let ending = path.extension().map(|e| e.to_ascii_lowercase());
+        let is_image = ending.is_some_and(|e| e == "jpg" || e == "jpeg" || e == "png");
+        if let (true, Some(stem)) = (is_image, path.file_stem()) {
+            images.insert(stem.to_string_lossy().into_owned(), path);
+        }
+    }
+    Ok(images)
+}
+
+fn blend_one(input: &Input, job: &BlendJob, out: &OutDir) -> Result<BlendedImage> {
+    let rendering = files::read_image(&input.rendering)?;
+    let mask = match &input.depth {
+        Some(path) => files::read_depth(path)?.0.valid_mask(),
+        None => rendering.map(|pixel| *pixel != [0; 3]),
+    };
+    let photograph = files::read_image(&input.photograph)?;
+    let size = rendering.size();
+    let named = |error: Error| Error::invalid(input.name.clone(), error.to_string());
+    let fitted = resized(&photograph, size)?;
+    let blender = Blender::new(size, &job.blend)?;
+    let blended = blender.blend(&rendering, &fitted, &mask).map_err(named)?;
+    let write = |suffix: &str, image: &ColorImage| {
+        out.write(format!("{}{suffix}.jpg", input.name), |file| {
+            image::write_jpeg(file, image, JpegOptions::default())
+        })
+    };
+    write("", &blended)?;
+    write("_masked", &masked(&blended, &mask)?)?;
+    Ok(BlendedImage {
+        name: input.name.clone(),
+        size,
+        resized: photograph.size() != size,
+        difference_before: mean_difference(&rendering, &fitted, &mask),
+        difference_after: mean_difference(&blended, &fitted, &mask),
+    })
+}
+
+/// Mean absolute difference over channels and the mask's pixels; 0 where the mask is empty.
+fn mean_difference(first: &ColorImage, second: &ColorImage, mask: &Mask) -> f64 {
+    let pairs = first
+        .values()
+        .iter()
+        .zip(second.values())
+        .zip(mask.values());
+    let inside = pairs.filter(|(_, inside)| **inside);
+    let (mut sum, mut count) = (0u64, 0u64);
+    for ((a, b), _) in inside {
+        sum += (0..3).map(|c| u64::from(a[c].abs_diff(b[c]))).sum::<u64>();
+        count += 3;
+    }
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "sums of grey levels are far below 2^53"
+    )]
+    let mean = sum as f64 / count.max(1) as f64;
+    mean
+}

@@ -1,0 +1,293 @@
+//! Generating a scene: what is written, that it is the truth, and that it can be interrupted.
+
+use glam::DVec2;
+use mvs_datasets::layout::blended::{self, BlendedFolder};
+use mvs_datasets::scene::{ColorImage, DepthMap, View};
+use mvs_datasets::synthetic::{SyntheticOptions, SyntheticScene};
+use mvs_eval::error::Result;
+use mvs_eval::generate::{
+    Extra, GenerateOptions, PairOptions, Photographs, RangeRule, Source, generate, scene_id,
+};
+use mvs_eval::parallel;
+use mvs_eval::progress::Silent;
+use mvs_eval::render::{RenderOptions, Rendering};
+use mvs_eval::warning::Warnings;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// A synthetic scene that lights its renderings, and counts how often it is asked to.
+struct Lit {
+    scene: SyntheticScene,
+    asked: AtomicUsize,
+}
+
+impl Lit {
+    fn new() -> Self {
+        let options = SyntheticOptions {
+            views: 6,
+            width: 128,
+            height: 96,
+            ..SyntheticOptions::default()
+        };
+        Self {
+            scene: SyntheticScene::new(options).unwrap(),
+            asked: AtomicUsize::new(0),
+        }
+    }
+
+    fn generate(&self, folder: &Path, options: &GenerateOptions) -> Warnings {
+        let warnings = Warnings::default();
+        let id = scene_id("synthetic");
+        let source = Source {
+            name: "synthetic",
+            id: &id,
+            mesh: self.scene.mesh(),
+            views: self.scene.scene().views(),
+            photographs: self,
+        };
+        let folder = BlendedFolder::new(folder);
+        generate(&source, &folder, options, &Silent, &warnings).unwrap();
+        warnings
+    }
+}
+
+impl Photographs for Lit {
+    fn photograph(&self, view: &View, rendering: &Rendering) -> Result<ColorImage> {
+        self.asked.fetch_add(1, Ordering::Relaxed);
+        let index = self.scene.scene().index_of(view.id).unwrap();
+        Ok(self.scene.photograph(index, &rendering.color))
+    }
+
+    fn digest(&self, _view: &View) -> Result<String> {
+        Ok("synthetic".to_owned())
+    }
+}
+
+/// The default but for draft renderings and few points, so that tests are quick.
+fn draft() -> GenerateOptions {
+    GenerateOptions {
+        render: RenderOptions {
+            samples: 1,
+            ..RenderOptions::default()
+        },
+        pairs: PairOptions {
+            points: 200,
+            ..PairOptions::default()
+        },
+        ..GenerateOptions::default()
+    }
+}
+
+fn all_extras() -> GenerateOptions {
+    GenerateOptions {
+        extras: [
+            Extra::InputImages,
+            Extra::RenderedImages,
+            Extra::Masks,
+            Extra::Normals,
+            Extra::Covisibility,
+        ]
+        .into(),
+        ..draft()
+    }
+}
+
+/// Every file under `root` with its bytes.
+fn files(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![root.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(root).unwrap().to_path_buf();
+                found.insert(name, std::fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn a_scene_holds_the_files_that_readers_want_and_nothing_among_them() {
+    let folder = tempfile::tempdir().unwrap();
+    Lit::new().generate(folder.path(), &all_extras());
+    let names = |inside: &str| blended::names_in(&folder.path().join(inside)).unwrap();
+    assert_eq!(names("cams").len(), 7);
+    assert_eq!(names("rendered_depth_maps").len(), 6);
+    assert_eq!(
+        names("blended_images")[..2],
+        ["00000000.jpg", "00000000_masked.jpg"]
+    );
+    assert_eq!(names("blended_images").len(), 12);
+    for extra in [
+        "input_images",
+        "rendered_images",
+        "masks",
+        "normals",
+        "views",
+    ] {
+        assert_eq!(names(extra).len(), 6, "{extra}");
+    }
+    assert!(folder.path().join("covisibility.npy").is_file());
+}
+
+#[test]
+fn what_is_read_back_is_the_exact_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let lit = Lit::new();
+    lit.generate(folder.path(), &all_extras());
+    let read = BlendedFolder::new(folder.path());
+    let scene = read.read_scene(None).unwrap();
+    let truth = lit.scene.scene();
+    assert_eq!(scene.views().len(), 6);
+    for (index, (view, expected)) in scene.views().iter().zip(truth.views()).enumerate() {
+        assert_eq!((view.id, view.camera), (expected.id, expected.camera));
+        assert_eq!(view.pose, expected.pose);
+        assert!(!scene.sources_of(index).is_empty());
+        let (depth, rejected) = read.read_depth(view.id).unwrap();
+        assert_eq!(rejected.total(), 0);
+        let exact = lit.scene.depth(index);
+        let close = share_that(&depth, &exact, |a, b| (a / b - 1.0).abs() < 2e-3);
+        assert!(close > 0.99, "view {index}: {close}");
+        let image = read.read_image(view.id).unwrap();
+        assert_eq!(image.size(), depth.size());
+    }
+}
+
+/// The fraction of pixels that agree on whether there is surface, and where there is, on `test`.
+fn share_that(a: &DepthMap, b: &DepthMap, test: impl Fn(f32, f32) -> bool) -> f64 {
+    let pairs = a.values().iter().zip(b.values());
+    let agree = pairs.filter(|&(&a, &b)| if a * b == 0.0 { a == b } else { test(a, b) });
+    agree.count() as f64 / a.values().len() as f64
+}
+
+#[test]
+fn the_masked_image_is_dark_outside_the_mask() {
+    let folder = tempfile::tempdir().unwrap();
+    Lit::new().generate(folder.path(), &draft());
+    let read = BlendedFolder::new(folder.path());
+    for id in 0..6 {
+        let masked = mvs_datasets::layout::files::read_image(&read.masked_image(id)).unwrap();
+        let (depth, _) = read.read_depth(id).unwrap();
+        let outside = masked.values().iter().zip(depth.values());
+        let outside = outside.filter(|(_, depth)| **depth == 0.0);
+        let worst = outside.flat_map(|(pixel, _)| *pixel).max().unwrap_or(0);
+        assert!(worst <= 10, "view {id}: {worst}");
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_byte_and_nothing_is_done_twice() {
+    let (one, four) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let lit = Lit::new();
+    let run = |threads, folder: &Path| {
+        parallel::with_threads(threads, || lit.generate(folder, &all_extras())).unwrap();
+    };
+    run(1, one.path());
+    run(4, four.path());
+    assert_eq!(files(one.path()), files(four.path()));
+    assert_eq!(lit.asked.load(Ordering::Relaxed), 12);
+    run(2, one.path());
+    assert_eq!(
+        lit.asked.load(Ordering::Relaxed),
+        12,
+        "finished views were made again"
+    );
+}
+
+#[test]
+fn damaged_missing_and_outdated_views_are_made_again() {
+    let (whole, mended) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let lit = Lit::new();
+    lit.generate(whole.path(), &all_extras());
+    lit.generate(mended.path(), &all_extras());
+    let asked = || lit.asked.swap(0, Ordering::Relaxed);
+    asked();
+    let file = |name: &str| mended.path().join(name);
+    std::fs::remove_file(file("masks/00000001.png")).unwrap();
+    std::fs::copy(file("cams/00000003_cam.txt"), file("cams/00000002_cam.txt")).unwrap();
+    std::fs::copy(file("views/00000003.json"), file("views/00000004.json")).unwrap();
+    std::fs::copy(file("scene.json"), file("cams/.tmpabc")).unwrap();
+    std::fs::copy(file("masks/00000003.png"), file("masks/00000077.png")).unwrap();
+    std::fs::copy(file("masks/00000003.png"), file("masks/mine.png")).unwrap();
+    lit.generate(mended.path(), &all_extras());
+    assert_eq!(asked(), 3);
+    // What somebody else put there stays.
+    std::fs::remove_file(file("masks/mine.png")).unwrap();
+    assert_eq!(files(whole.path()), files(mended.path()));
+    let widened = GenerateOptions {
+        range: RangeRule::Widened,
+        ..all_extras()
+    };
+    lit.generate(mended.path(), &widened);
+    assert_eq!(asked(), 6, "other options, other views");
+}
+
+#[test]
+fn a_view_that_sees_nothing_is_left_out_and_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let lit = Lit::new();
+    let mut views = lit.scene.scene().views().to_vec();
+    let away = views[2].pose.center_in_world() * 3.0;
+    views[2].pose =
+        mvs_datasets::scene::Pose::looking_at(away, away * 2.0, glam::DVec3::new(0.1, 0.2, 1.0))
+            .unwrap();
+    let source = Source {
+        name: "n",
+        id: &scene_id("n"),
+        mesh: lit.scene.mesh(),
+        views: &views,
+        photographs: &lit,
+    };
+    let warnings = Warnings::default();
+    let options = draft();
+    let read = BlendedFolder::new(folder.path());
+    let record = generate(&source, &read, &options, &Silent, &warnings).unwrap();
+    assert_eq!(record.left_out[0].id, 2);
+    assert!(warnings.sorted()[0].message.contains("view 2"));
+    let scene = read.read_scene(None).unwrap();
+    assert_eq!(scene.index_of(2), None);
+}
+
+#[test]
+fn a_size_is_reached_by_scaling_and_cutting_and_depth_is_rendered_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let lit = Lit::new();
+    let options = GenerateOptions {
+        size: Some((120, 120)),
+        ..draft()
+    };
+    // The synthetic photographs have the rendering's size, so this goes through an adapter.
+    struct Full<'a>(&'a Lit);
+    impl Photographs for Full<'_> {
+        fn photograph(&self, view: &View, _rendering: &Rendering) -> Result<ColorImage> {
+            let (width, height) = (view.camera.width(), view.camera.height());
+            Ok(ColorImage::filled(width, height, [120; 3])?)
+        }
+        fn digest(&self, view: &View) -> Result<String> {
+            self.0.digest(view)
+        }
+    }
+    let photographs = Full(&lit);
+    let source = Source {
+        name: "n",
+        id: &scene_id("n"),
+        mesh: lit.scene.mesh(),
+        views: lit.scene.scene().views(),
+        photographs: &photographs,
+    };
+    let read = BlendedFolder::new(folder.path());
+    generate(&source, &read, &options, &Silent, &Warnings::default()).unwrap();
+    let scene = read.read_scene(None).unwrap();
+    let (small, full) = (&scene.views()[0], &lit.scene.scene().views()[0]);
+    assert_eq!((small.camera.width(), small.camera.height()), (120, 120));
+    // Scale 1.25 to 160 x 120, then 20 pixels off at either side.
+    assert!((small.camera.focal() - 1.25 * full.camera.focal()).length() < 1e-9);
+    let center = 1.25 * full.camera.center() - DVec2::new(20.0, 0.0);
+    assert!((small.camera.center() - center).length() < 1e-9);
+    assert_eq!(read.read_depth(0).unwrap().0.size(), (120, 120));
+}
