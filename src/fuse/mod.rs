@@ -1,57 +1,42 @@
 //! Depth maps → point cloud, keeping what several views agree on.
+//!
+//! [`fuse_maps`] streams: it asks [`DepthMaps`] for one view at a time and hands points to a
+//! [`PointSink`]. [`fuse`] does the same for maps in memory. Everything that decides which points
+//! come out is in [`FuseOptions`].
+//!
+//! A reference pixel and a source are compared by one sample of the source's depth map, see
+//! [`geometry`]. Sources that see through a point contradict it.
 
-mod geo;
+mod cache;
+mod counts;
+mod engine;
 pub mod geometry;
+mod inputs;
+mod kernel;
+mod normals;
+mod options;
+#[cfg(test)]
+mod oracle;
+mod points;
+pub mod presets;
+mod reference;
+mod rules;
+mod samples;
 pub mod sampling;
 #[cfg(test)]
 mod testing;
 
-use crate::error::{Error, Result};
-use crate::parallel;
+pub use counts::FuseCounts;
+pub use engine::{FuseInputs, columns, fuse_maps};
+pub use inputs::{DepthMaps, MemoryScratch, Scratch};
+pub use options::{Colors, FuseMode, FuseOptions, Sampling, Visibility};
+pub use points::{Columns, PointSink, Points};
+pub use reference::Region;
+
+use crate::error::Result;
 use crate::progress::Progress;
-use geo::{Band, Reference};
+use crate::warning::Warnings;
 use mvs_datasets::scene::{ColorImage, DepthMap, PointCloud, Raster, View};
-use serde::{Deserialize, Serialize};
-
-/// How depth maps are fused.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FuseOptions {
-    /// Which procedure.
-    pub mode: FuseMode,
-    /// At most so many source views per reference view.
-    pub max_sources: usize,
-    /// Pixels below this confidence are left out, where there is confidence.
-    pub min_confidence: f32,
-    /// Largest reprojection error in pixels, strict.
-    pub max_pixel_error: f64,
-    /// Largest relative depth error, strict.
-    pub max_depth_error: f64,
-    /// A point needs so many source views that agree, the reference view not counted.
-    pub min_sources: usize,
-}
-
-/// The fusion procedure.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum FuseMode {
-    /// Two-way geometric consistency and averaging, as MVSNet-family evaluation scripts do.
-    #[default]
-    Geo,
-}
-
-impl Default for FuseOptions {
-    fn default() -> Self {
-        Self {
-            mode: FuseMode::Geo,
-            max_sources: 10,
-            min_confidence: 0.8,
-            max_pixel_error: 1.0,
-            max_depth_error: 0.01,
-            min_sources: 3,
-        }
-    }
-}
 
 /// One view's estimate.
 #[derive(Debug, Clone)]
@@ -77,29 +62,12 @@ pub struct Fused {
     pub counts: FuseCounts,
 }
 
-/// What became of the pixels of all depth maps; the reasons and `fused` add up to `pixels`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FuseCounts {
-    /// All pixels.
-    pub pixels: u64,
-    /// Pixels without a depth.
-    pub empty: u64,
-    /// Pixels below the confidence threshold.
-    pub unconfident: u64,
-    /// Pixels on which too few sources agree.
-    pub inconsistent: u64,
-    /// Pixels that became points.
-    pub fused: u64,
-}
-
-/// Rows of a reference view that one task works on.
-const BAND_ROWS: u32 = 16;
-
-/// Fuses the estimates: every view in turn is the reference, tested against its sources.
+/// Fuses the estimates, all in memory: every view in turn is the reference, tested against its
+/// sources.
 ///
 /// Points stand by view and row-major pixel, whatever the number of threads. The cloud has colours
-/// where every estimate has an image, confidences where every estimate has them, and the number of
-/// agreeing views, the reference counted.
+/// where every estimate has an image, confidences where every estimate has them, normals where the
+/// options ask for them, and the number of agreeing views, the reference counted.
 ///
 /// # Errors
 /// No estimates, options out of range, sizes that differ within an estimate, sources that are no
@@ -109,110 +77,22 @@ pub fn fuse(
     options: &FuseOptions,
     progress: &dyn Progress,
 ) -> Result<Fused> {
-    check_options(options)?;
-    check_estimates(estimates)?;
-    progress.begin("fusing depth maps", estimates.len() as u64);
-    let mut bands = Vec::new();
-    for (index, estimate) in estimates.iter().enumerate() {
-        progress.check()?;
-        let reference = Reference::new(estimates, index, options);
-        let height = estimate.depth.height();
-        bands.extend(parallel::map(height.div_ceil(BAND_ROWS) as usize, |band| {
-            let first = u32::try_from(band).unwrap_or(u32::MAX) * BAND_ROWS;
-            reference.fuse_rows(first..(first + BAND_ROWS).min(height))
-        }));
-        progress.advance(1);
-    }
-    join(estimates, &bands)
-}
-
-fn check_options(options: &FuseOptions) -> Result<()> {
-    let bounds = [
-        ("max_pixel_error", options.max_pixel_error),
-        ("max_depth_error", options.max_depth_error),
-    ];
-    for (name, bound) in bounds {
-        if !(bound.is_finite() && bound > 0.0) {
-            let problem = format!("expected a finite bound above 0, found {bound}");
-            return Err(Error::invalid(name, problem));
-        }
-    }
-    if options.min_confidence.is_nan() {
-        let problem = "expected a number, found NaN";
-        return Err(Error::invalid("min_confidence", problem));
-    }
-    Ok(())
-}
-
-fn check_estimates(estimates: &[Estimate]) -> Result<()> {
-    if estimates.is_empty() {
-        let problem = "expected at least one, found none: nothing to fuse";
-        return Err(Error::invalid("depth maps", problem));
-    }
-    for (index, estimate) in estimates.iter().enumerate() {
-        let what = || format!("view {}", estimate.view.id);
-        let camera = (estimate.view.camera.width(), estimate.view.camera.height());
-        check_size(estimate.depth.size(), camera, "depth map")
-            .map_err(|problem| Error::invalid(what(), problem))?;
-        if let Some(confidence) = &estimate.confidence {
-            check_size(confidence.size(), camera, "confidence")
-                .map_err(|problem| Error::invalid(what(), problem))?;
-        }
-        let odd = |&&source: &&usize| source >= estimates.len() || source == index;
-        if let Some(source) = estimate.sources.iter().find(odd) {
-            let problem = format!(
-                "expected its sources to be other estimates (below {}), found {source}",
-                estimates.len()
-            );
-            return Err(Error::invalid(what(), problem));
-        }
-    }
-    Ok(())
-}
-
-fn check_size(found: (u32, u32), camera: (u32, u32), map: &str) -> Result<(), String> {
-    if found == camera {
-        return Ok(());
-    }
-    Err(format!(
-        "expected a {map} of the camera's size {}x{}, found {}x{}: scale the camera to the map",
-        camera.0, camera.1, found.0, found.1
-    ))
-}
-
-/// The bands as one cloud, in order.
-fn join(estimates: &[Estimate], bands: &[Band]) -> Result<Fused> {
-    let points = || bands.iter().flat_map(|band| &band.points);
-    let mut cloud = PointCloud::new(points().map(|point| point.position).collect())
-        .with_view_counts(points().map(|point| point.view_count).collect())?;
-    if estimates.iter().all(|estimate| estimate.image.is_some()) {
-        cloud = cloud.with_colors(points().map(|point| point.color).collect())?;
-    }
-    if estimates
-        .iter()
-        .all(|estimate| estimate.confidence.is_some())
-    {
-        cloud = cloud.with_confidences(points().map(|point| point.confidence).collect())?;
-    }
-    let counts = bands
-        .iter()
-        .fold(FuseCounts::default(), |sum, band| sum.plus(band.counts));
+    let inputs = FuseInputs {
+        maps: &estimates,
+        region: None,
+        scratch: &MemoryScratch::default(),
+        memory: MEMORY,
+        progress,
+        warnings: &Warnings::default(),
+    };
+    let mut points = Points::default();
+    let counts = fuse_maps(&inputs, options, &mut points)?;
+    let cloud = points.into_cloud(columns(&estimates, options))?;
     Ok(Fused { cloud, counts })
 }
 
-impl FuseCounts {
-    /// Both together.
-    #[must_use]
-    pub fn plus(self, other: Self) -> Self {
-        Self {
-            pixels: self.pixels + other.pixels,
-            empty: self.empty + other.empty,
-            unconfident: self.unconfident + other.unconfident,
-            inconsistent: self.inconsistent + other.inconsistent,
-            fused: self.fused + other.fused,
-        }
-    }
-}
+/// Bytes of depth maps and images held at a time unless said otherwise.
+pub const MEMORY: usize = 512 << 20;
 
 #[cfg(test)]
 mod tests {
@@ -221,6 +101,10 @@ mod tests {
     use crate::parallel::with_threads;
     use crate::progress::Silent;
     use glam::{DVec2, DVec3};
+
+    fn geo() -> FuseOptions {
+        FuseOptions::of(FuseMode::Geo)
+    }
 
     fn plane() -> Plane {
         Plane {
@@ -235,7 +119,7 @@ mod tests {
         // Bilinear depth on a slope is off by its curvature, which falls with the pixel's size
         // squared: 2e-6 of the depth at 64x48, 8e-8 here.
         let estimates = arc(5, (320, 240), DVec3::ZERO, surface);
-        let fused = fuse(&estimates, &FuseOptions::default(), &Silent).unwrap();
+        let fused = fuse(&estimates, &geo(), &Silent).unwrap();
         assert!(
             fused.counts.fused > fused.counts.pixels / 2,
             "{:?}",
@@ -276,7 +160,7 @@ mod tests {
             estimate.view.camera =
                 mvs_datasets::scene::Camera::new(width, height, camera.focal(), center).unwrap();
         }
-        let fused = fuse(&estimates, &FuseOptions::default(), &Silent).unwrap();
+        let fused = fuse(&estimates, &geo(), &Silent).unwrap();
         let error = |p: &DVec3| (plane().normal.dot(*p) - plane().offset).abs();
         let mean =
             fused.cloud.positions().iter().map(error).sum::<f64>() / fused.cloud.len() as f64;
@@ -292,7 +176,7 @@ mod tests {
         values[320] = f32::NAN;
         estimates[0].confidence = Some(Raster::from_values(32, 24, values).unwrap());
         estimates[1].sources.truncate(2);
-        let fused = fuse(&estimates, &FuseOptions::default(), &Silent).unwrap();
+        let fused = fuse(&estimates, &geo(), &Silent).unwrap();
         let counts = fused.counts;
         assert_eq!(counts.unconfident, 321);
         assert!(counts.inconsistent >= 32 * 24);
@@ -319,7 +203,7 @@ mod tests {
             let values = (0..64 * 48).map(two_halves).collect();
             estimate.image = Some(ColorImage::from_values(64, 48, values).unwrap());
         }
-        let fused = fuse(&estimates, &FuseOptions::default(), &Silent).unwrap();
+        let fused = fuse(&estimates, &geo(), &Silent).unwrap();
         let view = &estimates[0].view;
         let mut seen = 0;
         for (position, color) in fused
@@ -344,11 +228,9 @@ mod tests {
         let surface = |view: &View, pixel| plane().depth(view, pixel);
         let estimates = arc(4, (40, 50), DVec3::ZERO, surface);
         let at = |threads| {
-            with_threads(threads, || {
-                fuse(&estimates, &FuseOptions::default(), &Silent)
-            })
-            .unwrap()
-            .unwrap()
+            with_threads(threads, || fuse(&estimates, &geo(), &Silent))
+                .unwrap()
+                .unwrap()
         };
         let one = at(1);
         assert!(!one.cloud.is_empty());
@@ -363,7 +245,7 @@ mod tests {
         let message = |estimates: &[Estimate], options: &FuseOptions| {
             fuse(estimates, options, &Silent).unwrap_err().to_string()
         };
-        let defaults = FuseOptions::default();
+        let defaults = geo();
         assert!(message(&[], &defaults).contains("nothing to fuse"));
         let mut odd = estimates.clone();
         odd[1].sources[0] = 1;

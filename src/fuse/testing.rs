@@ -99,3 +99,27 @@ pub(crate) fn arc(
         })
         .collect()
 }
+
+/// Makes depths worse: Gaussian-like noise of `sigma` relative, outliers, and holes of 7×7 pixels.
+pub(crate) fn spoil(estimate: &mut Estimate, seed: u64, sigma: f64, outliers: f64, holes: u32) {
+    let mut random = rng(seed);
+    let (width, height) = estimate.depth.size();
+    let mut values = estimate.depth.values().to_vec();
+    for value in &mut values {
+        let noise: f64 = (0..6).map(|_| uniform(&mut random, -0.5, 0.5)).sum();
+        *value *= (1.0 + sigma * noise * 2f64.sqrt()) as f32;
+        if uniform(&mut random, 0.0, 1.0) < outliers {
+            *value *= uniform(&mut random, 0.6, 1.6) as f32;
+        }
+    }
+    for _ in 0..holes {
+        let column = uniform(&mut random, 0.0, f64::from(width)) as u32;
+        let row = uniform(&mut random, 0.0, f64::from(height)) as u32;
+        for y in row..(row + 7).min(height) {
+            for x in column..(column + 7).min(width) {
+                values[(y * width + x) as usize] = 0.0;
+            }
+        }
+    }
+    estimate.depth = DepthMap::from_values(width, height, values).unwrap().0;
+}

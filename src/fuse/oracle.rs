@@ -1,11 +1,4 @@
-//! `geo`: what the evaluation scripts of the MVSNet family do.
-//!
-//! For every reference pixel with a depth and enough confidence, each source's depth map is sampled
-//! bilinearly (pixels without depth as zeros) where the hypothesis projects to. A source agrees
-//! when reprojection error and relative depth error are below their bounds; the confidence of
-//! sources is not asked. With enough agreeing sources the point gets the mean of the reference's
-//! depth and the agreeing reprojected ones. Reference and source play their parts for every view in
-//! turn; duplicates are not merged.
+//! `geo` pixel by pixel in f64, as plainly as it can be said: what the engine is held to.
 
 use super::geometry::PairGeometry;
 use super::sampling;

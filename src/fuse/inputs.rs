@@ -1,0 +1,146 @@
+//! Where depth maps come from: asked for one view at a time, so that they need not all be in
+//! memory.
+
+use super::Estimate;
+use crate::error::{Error, Result};
+use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Depth maps with their views, confidence and images. Views are numbered from 0.
+///
+/// The same call answers the same every time. Calls come from several threads.
+pub trait DepthMaps: Sync {
+    /// How many views there are.
+    fn count(&self) -> usize;
+    /// A view with the camera for the size of its depth map.
+    fn view(&self, index: usize) -> &View;
+    /// The numbers of the view's source views, best first.
+    fn sources(&self, index: usize) -> &[usize];
+    /// The estimated z-depth.
+    fn depth(&self, index: usize) -> Result<DepthMap>;
+    /// Confidence per pixel, of the depth map's size.
+    fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>>;
+    /// Which pixels count, of the depth map's size.
+    fn mask(&self, _index: usize) -> Result<Option<Mask>> {
+        Ok(None)
+    }
+    /// Normals in the camera frame, of the depth map's size.
+    fn normals(&self, _index: usize) -> Result<Option<NormalMap>> {
+        Ok(None)
+    }
+    /// The photograph, of any size.
+    fn image(&self, index: usize) -> Result<Option<ColorImage>>;
+    /// Whether every view has an image.
+    fn has_images(&self) -> bool;
+    /// Whether every view has confidence.
+    fn has_confidence(&self) -> bool;
+}
+
+impl DepthMaps for &[Estimate] {
+    fn count(&self) -> usize {
+        <[Estimate]>::len(self)
+    }
+
+    fn view(&self, index: usize) -> &View {
+        &self[index].view
+    }
+
+    fn sources(&self, index: usize) -> &[usize] {
+        &self[index].sources
+    }
+
+    fn depth(&self, index: usize) -> Result<DepthMap> {
+        Ok(self[index].depth.clone())
+    }
+
+    fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
+        Ok(self[index].confidence.clone())
+    }
+
+    fn image(&self, index: usize) -> Result<Option<ColorImage>> {
+        Ok(self[index].image.clone())
+    }
+
+    fn has_images(&self) -> bool {
+        self.iter().all(|estimate| estimate.image.is_some())
+    }
+
+    fn has_confidence(&self) -> bool {
+        self.iter().all(|estimate| estimate.confidence.is_some())
+    }
+}
+
+/// Where the maps between two passes are kept, by key: in memory, or in files.
+pub trait Scratch: Sync {
+    /// Keeps `values` under `key`, in place of what was there.
+    fn store(&self, key: u64, values: Vec<f32>) -> Result<()>;
+    /// What was stored under `key`.
+    fn fetch(&self, key: u64) -> Result<Arc<Vec<f32>>>;
+    /// Forgets `key`.
+    fn discard(&self, key: u64) -> Result<()>;
+}
+
+/// Keeps everything in memory.
+#[derive(Debug, Default)]
+pub struct MemoryScratch {
+    maps: Mutex<std::collections::BTreeMap<u64, Arc<Vec<f32>>>>,
+}
+
+impl MemoryScratch {
+    fn maps(&self) -> std::sync::MutexGuard<'_, std::collections::BTreeMap<u64, Arc<Vec<f32>>>> {
+        self.maps.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Scratch for MemoryScratch {
+    fn store(&self, key: u64, values: Vec<f32>) -> Result<()> {
+        self.maps().insert(key, Arc::new(values));
+        Ok(())
+    }
+
+    fn fetch(&self, key: u64) -> Result<Arc<Vec<f32>>> {
+        let found = self.maps().get(&key).cloned();
+        found.ok_or_else(|| Error::invalid("scratch", format!("expected a map {key}, found none")))
+    }
+
+    fn discard(&self, key: u64) -> Result<()> {
+        self.maps().remove(&key);
+        Ok(())
+    }
+}
+
+/// Checks what can be checked without reading a map: there are views, and sources are other views.
+pub(super) fn check_views(maps: &dyn DepthMaps) -> Result<()> {
+    if maps.count() == 0 {
+        let problem = "expected at least one, found none: nothing to fuse";
+        return Err(Error::invalid("depth maps", problem));
+    }
+    for index in 0..maps.count() {
+        let odd = |&&source: &&usize| source >= maps.count() || source == index;
+        if let Some(source) = maps.sources(index).iter().find(odd) {
+            let problem = format!(
+                "expected its sources to be other estimates (below {}), found {source}",
+                maps.count()
+            );
+            return Err(Error::invalid(name(maps.view(index)), problem));
+        }
+    }
+    Ok(())
+}
+
+/// Checks that a map of `view` has its camera's size.
+pub(super) fn check_size(view: &View, found: (u32, u32), map: &str) -> Result<()> {
+    let camera = (view.camera.width(), view.camera.height());
+    if found == camera {
+        return Ok(());
+    }
+    let problem = format!(
+        "expected a {map} of the camera's size {}x{}, found {}x{}: scale the camera to the map",
+        camera.0, camera.1, found.0, found.1
+    );
+    Err(Error::invalid(name(view), problem))
+}
+
+fn name(view: &View) -> String {
+    format!("view {}", view.id)
+}

@@ -1,0 +1,109 @@
+//! Points on their way out, by column.
+
+use super::counts::FuseCounts;
+use crate::error::Result;
+use glam::{DVec3, Vec3};
+use mvs_datasets::scene::PointCloud;
+
+/// Which columns points have. Positions and view counts are always there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Columns(u8);
+
+impl Columns {
+    /// Unit normals in the world frame; zero where unknown.
+    pub const NORMALS: Self = Self(1);
+    /// Colours.
+    pub const COLORS: Self = Self(2);
+    /// Confidences.
+    pub const CONFIDENCES: Self = Self(4);
+
+    /// Both together.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// These if `wanted`, else none.
+    #[must_use]
+    pub fn when(self, wanted: bool) -> Self {
+        if wanted { self } else { Self(0) }
+    }
+
+    /// Whether all of `other` are among these.
+    pub fn has(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+/// Some points. Columns that [`Columns`] leaves out are empty, the others have one entry per point.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Points {
+    /// Positions in world units.
+    pub positions: Vec<DVec3>,
+    /// Unit normals in the world frame, facing the reference view; zero where unknown.
+    pub normals: Vec<Vec3>,
+    /// 8-bit sRGB.
+    pub colors: Vec<[u8; 3]>,
+    /// Distinct views that agree, the reference counted.
+    pub view_counts: Vec<u32>,
+    /// The reference pixel's confidence.
+    pub confidences: Vec<f32>,
+    /// Views that see through the point.
+    pub violations: Vec<u32>,
+    /// Depth over focal length: what a reference pixel spans at the point, in world units.
+    pub scales: Vec<f32>,
+    /// The numbers of the views that agree, the reference first, point after point.
+    pub visible_in: Vec<u32>,
+}
+
+impl Points {
+    /// How many points.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Adds `other`'s points.
+    pub fn append(&mut self, mut other: Self) {
+        self.positions.append(&mut other.positions);
+        self.normals.append(&mut other.normals);
+        self.colors.append(&mut other.colors);
+        self.view_counts.append(&mut other.view_counts);
+        self.confidences.append(&mut other.confidences);
+        self.violations.append(&mut other.violations);
+        self.scales.append(&mut other.scales);
+        self.visible_in.append(&mut other.visible_in);
+    }
+
+    /// As a cloud with the columns that there are.
+    pub fn into_cloud(self, columns: Columns) -> Result<PointCloud> {
+        let mut cloud = PointCloud::new(self.positions).with_view_counts(self.view_counts)?;
+        if columns.has(Columns::NORMALS) {
+            cloud = cloud.with_normals(self.normals)?;
+        }
+        if columns.has(Columns::COLORS) {
+            cloud = cloud.with_colors(self.colors)?;
+        }
+        if columns.has(Columns::CONFIDENCES) {
+            cloud = cloud.with_confidences(self.confidences)?;
+        }
+        Ok(cloud)
+    }
+}
+
+/// Takes points as they are finished: by view, row-major within a view.
+pub trait PointSink {
+    /// Takes the points of one view; `counts` says what became of its pixels in the last pass.
+    fn take(&mut self, points: Points, counts: &FuseCounts) -> Result<()>;
+}
+
+impl PointSink for Points {
+    fn take(&mut self, points: Points, _counts: &FuseCounts) -> Result<()> {
+        self.append(points);
+        Ok(())
+    }
+}

@@ -1,0 +1,280 @@
+//! A depth map made ready for sampling: cleaned of what the filters leave out, bordered by one
+//! pixel without depth, stored as depth or inverse depth.
+
+use super::counts::FuseCounts;
+use super::inputs::{DepthMaps, check_size};
+use super::options::{FuseOptions, Sampling};
+use crate::error::Result;
+use mvs_datasets::scene::{Mask, Raster, View};
+
+/// What the numbers of [`Samples`] are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unit {
+    /// z-depth.
+    Depth,
+    /// 1 / z-depth.
+    Inverse,
+}
+
+impl Unit {
+    /// The unit that the options' sampling interpolates in.
+    pub(super) fn of(options: &FuseOptions) -> Self {
+        match options.sampling {
+            Sampling::Plain => Self::Depth,
+            Sampling::Valid => Self::Inverse,
+        }
+    }
+
+    /// From a depth to a stored value, or back; 0 for none and for what does not fit.
+    pub(super) fn convert(self, value: f32) -> f32 {
+        let inverse = 1.0 / value;
+        match self {
+            Self::Depth => value,
+            Self::Inverse if value > 0.0 && inverse.is_finite() => inverse,
+            Self::Inverse => 0.0,
+        }
+    }
+}
+
+/// A bordered map of depths or inverse depths, 0 for none.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Samples {
+    width: usize,
+    height: usize,
+    unit: Unit,
+    /// (width + 2) × (height + 2), row-major.
+    values: Vec<f32>,
+}
+
+impl Samples {
+    /// From one stored value per pixel, row-major.
+    pub(super) fn new(size: (u32, u32), unit: Unit, stored: &[f32]) -> Self {
+        let (width, height) = (size.0 as usize, size.1 as usize);
+        let stride = width + 2;
+        let mut values = vec![0.0; stride * (height + 2)];
+        for (row, from) in stored.chunks_exact(width).enumerate().take(height) {
+            let start = (row + 1) * stride + 1;
+            values[start..start + width].copy_from_slice(from);
+        }
+        Self {
+            width,
+            height,
+            unit,
+            values,
+        }
+    }
+
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
+    pub(super) fn height(&self) -> usize {
+        self.height
+    }
+
+    pub(super) fn unit(&self) -> Unit {
+        self.unit
+    }
+
+    /// Distance between rows of [`Samples::values`].
+    pub(super) fn stride(&self) -> usize {
+        self.width + 2
+    }
+
+    /// All values with the border.
+    pub(super) fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The stored values of row `row`.
+    pub(super) fn row(&self, row: usize) -> &[f32] {
+        let start = (row + 1) * self.stride() + 1;
+        &self.values[start..start + self.width]
+    }
+
+    /// The stored value at a pixel that may be one beyond the map on each side.
+    pub(super) fn bordered(&self, column: usize, row: usize, step: (isize, isize)) -> f32 {
+        let column = (column + 1).saturating_add_signed(step.0);
+        let row = (row + 1).saturating_add_signed(step.1);
+        self.values
+            .get(row * self.stride() + column)
+            .copied()
+            .unwrap_or(0.0)
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        self.values.len() * size_of::<f32>()
+    }
+}
+
+/// Which of a view's pixels a filter of the options leaves out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Filters {
+    /// Mask and depth range.
+    Depth,
+    /// Those and confidence.
+    All,
+}
+
+/// A view's depth map after the filters, and what they left out.
+pub(super) fn prepare(
+    maps: &dyn DepthMaps,
+    index: usize,
+    options: &FuseOptions,
+    filters: Filters,
+) -> Result<(Samples, FuseCounts)> {
+    let view = maps.view(index);
+    let depth = maps.depth(index)?;
+    check_size(view, depth.size(), "depth map")?;
+    let mask = maps.mask(index)?;
+    if let Some(mask) = &mask {
+        check_size(view, mask.size(), "mask")?;
+    }
+    let confidence = match filters {
+        Filters::All => confidence(maps, index)?,
+        Filters::Depth => None,
+    };
+    let filter = PixelFilter::new(view, options, mask, confidence);
+    let unit = Unit::of(options);
+    let mut counts = FuseCounts::default();
+    let stored: Vec<f32> = depth
+        .values()
+        .iter()
+        .enumerate()
+        .map(|(pixel, &value)| filter.keep(pixel, unit, value, &mut counts))
+        .collect();
+    Ok((Samples::new(depth.size(), unit, &stored), counts))
+}
+
+/// A view's confidence, checked.
+pub(super) fn confidence(maps: &dyn DepthMaps, index: usize) -> Result<Option<Raster<f32>>> {
+    let confidence = maps.confidence(index)?;
+    if let Some(confidence) = &confidence {
+        check_size(maps.view(index), confidence.size(), "confidence")?;
+    }
+    Ok(confidence)
+}
+
+struct PixelFilter {
+    mask: Option<Mask>,
+    confidence: Option<Raster<f32>>,
+    min_confidence: f32,
+    near: f64,
+    far: f64,
+}
+
+impl PixelFilter {
+    fn new(
+        view: &View,
+        options: &FuseOptions,
+        mask: Option<Mask>,
+        confidence: Option<Raster<f32>>,
+    ) -> Self {
+        let min_confidence = confidence
+            .as_ref()
+            .map_or(f32::NEG_INFINITY, |map| threshold(map, options));
+        let mut near = options.min_depth;
+        let mut far = if options.max_depth > 0.0 {
+            options.max_depth
+        } else {
+            f64::INFINITY
+        };
+        if let Some(range) = view.depth_range.filter(|_| options.view_range) {
+            near = near.max(range.min());
+            far = far.min(range.max());
+        }
+        Self {
+            mask,
+            confidence,
+            min_confidence,
+            near,
+            far,
+        }
+    }
+
+    /// The stored value, or 0 and a reason counted. Every pixel is counted.
+    fn keep(&self, pixel: usize, unit: Unit, depth: f32, counts: &mut FuseCounts) -> f32 {
+        counts.pixels += 1;
+        let stored = unit.convert(depth);
+        let reason = if stored <= 0.0 {
+            &mut counts.empty
+        } else if self.mask.as_ref().is_some_and(|mask| !mask.values()[pixel]) {
+            &mut counts.masked
+        } else if !(self.near..=self.far).contains(&f64::from(depth)) {
+            &mut counts.out_of_range
+        } else if !self.is_confident(pixel) {
+            &mut counts.unconfident
+        } else {
+            return stored;
+        };
+        *reason += 1;
+        0.0
+    }
+
+    fn is_confident(&self, pixel: usize) -> bool {
+        let confidence = self.confidence.as_ref();
+        confidence.is_none_or(|map| map.values()[pixel] >= self.min_confidence)
+    }
+}
+
+/// The least confidence that is kept: given, or a quantile of the map's own.
+pub(super) fn threshold(confidence: &Raster<f32>, options: &FuseOptions) -> f32 {
+    if options.confidence_quantile <= 0.0 {
+        return options.min_confidence;
+    }
+    let mut values: Vec<f32> = confidence
+        .values()
+        .iter()
+        .copied()
+        .filter(|c| !c.is_nan())
+        .collect();
+    if values.is_empty() {
+        return f32::INFINITY;
+    }
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::cast_precision_loss,
+        reason = "a fraction below 1 of a number of pixels"
+    )]
+    let rank = (options.confidence_quantile * values.len() as f64) as usize;
+    *values.select_nth_unstable_by(rank, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_have_a_border_without_depth() {
+        let samples = Samples::new((2, 1), Unit::Depth, &[3.0, 4.0]);
+        assert_eq!(
+            samples.values(),
+            [0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        );
+        assert_eq!(samples.row(0), [3.0, 4.0]);
+        assert_eq!(samples.bordered(0, 0, (1, 0)), 4.0);
+        assert_eq!(samples.bordered(0, 0, (-1, -1)), 0.0);
+    }
+
+    #[test]
+    fn inverse_depths_that_do_not_fit_are_none() {
+        assert_eq!(Unit::Inverse.convert(4.0), 0.25);
+        assert_eq!(Unit::Inverse.convert(0.0), 0.0);
+        assert_eq!(Unit::Inverse.convert(1e-45), 0.0);
+    }
+
+    #[test]
+    fn a_quantile_leaves_out_that_fraction() {
+        let values = (0..100).map(|i| (i * 37 % 100) as f32).collect();
+        let map = Raster::from_values(10, 10, values).unwrap();
+        let options = FuseOptions {
+            confidence_quantile: 0.25,
+            ..FuseOptions::default()
+        };
+        assert_eq!(threshold(&map, &options), 25.0);
+        let nothing = Raster::filled(3, 3, f32::NAN).unwrap();
+        assert_eq!(threshold(&nothing, &options), f32::INFINITY);
+    }
+}
