@@ -8,6 +8,7 @@
 )]
 
 mod architecture;
+mod formats;
 mod generate;
 mod meshes;
 mod parity;

@@ -56,7 +56,7 @@ fn no_json(error: serde_json::Error) -> FormatError {
     let problem = said.split(" at line ").next().unwrap_or_default();
     FormatError::new(
         format!("line {line} column {column}"),
-        format!("expected the JSON of a {CLASS_NAME}: {problem}"),
+        format!("expected the JSON of a {CLASS_NAME}, found another text ({problem})"),
     )
 }
 
