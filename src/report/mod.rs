@@ -1,6 +1,9 @@
 //! Records to files that people read. Pure: values in, bytes out.
 
 pub mod colormap;
+pub mod contact_sheet;
+pub mod curve_svg;
+mod font;
 pub mod leaderboard;
 pub mod record;
 pub mod table;
