@@ -6,16 +6,25 @@
 //! mean of a regular grid of samples, each with its own visibility.
 
 mod bvh;
-mod oracle;
+mod clusters;
+mod eye;
+mod near;
+pub mod oracle;
+mod picture;
+mod raster;
+mod rays;
+mod scan;
 mod surface;
 mod texture;
+mod tile;
+mod tree;
 mod triangle;
 
 use crate::error::{Error, Result};
-use crate::parallel;
-use glam::{DVec2, DVec3, Vec3};
+use clusters::Clusters;
+use glam::{DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, DepthMap, Mesh, NormalMap, Raster, View};
-use oracle::Oracle;
+use rays::Probe;
 use serde::{Deserialize, Serialize};
 use surface::Frame;
 use triangle::Crossing;
@@ -95,12 +104,23 @@ impl Visible {
     }
 }
 
+impl From<Visible> for Hit {
+    fn from(visible: Visible) -> Self {
+        Self {
+            triangle: visible.triangle,
+            distance: visible.crossing.distance,
+            weights: visible.crossing.weights,
+        }
+    }
+}
+
 /// A mesh prepared for rendering from any view.
 #[derive(Debug)]
 pub struct Renderer<'m> {
     mesh: &'m Mesh,
     center: DVec3,
-    oracle: Oracle,
+    radius: f64,
+    clusters: Clusters,
 }
 
 impl<'m> Renderer<'m> {
@@ -110,118 +130,108 @@ impl<'m> Renderer<'m> {
             let problem = "expected at least one triangle, found none: nothing can be rendered";
             return Err(Error::invalid("mesh", problem));
         }
-        let center = mesh.bounds().center();
+        let bounds = mesh.bounds();
         Ok(Self {
             mesh,
-            center,
-            oracle: Oracle::new(mesh, center),
+            center: bounds.center(),
+            radius: 0.5 * bounds.size().length(),
+            clusters: Clusters::new(mesh, bounds.center()),
         })
     }
 
     /// Renders `view`.
     pub fn render(&self, view: &View, options: &RenderOptions) -> Result<Rendering> {
         let side = options.grid()?;
-        let (width, height) = (view.camera.width(), view.camera.height());
-        let lens = Lens::new(self, view);
-        let rows = parallel::map(height as usize, |row| {
-            let pixel =
-                |column| lens.pixel(DVec2::new(f64::from(column), row as f64), side, options);
-            (0..width).map(pixel).collect::<Vec<_>>()
-        });
-        let pixels = || rows.iter().flatten();
-        let depth = pixels().map(|pixel| pixel.depth).collect();
-        Ok(Rendering {
-            color: Raster::from_values(width, height, pixels().map(|p| p.color).collect())?,
-            depth: DepthMap::from_values(width, height, depth)?.0,
-            normals: Raster::from_values(width, height, pixels().map(|p| p.normal).collect())?,
-        })
+        let frame = Frame::new(self.mesh, self.center, view);
+        picture::render(&self.clusters, &frame, (side, options))
     }
 
     /// The first hit of the ray from `origin` (world) along `direction`, with distance in
     /// (`range.0`, `range.1`).
     pub fn first_hit(&self, origin: DVec3, direction: DVec3, range: (f64, f64)) -> Option<Hit> {
-        self.oracle.first_hit(self.mesh, (origin, direction), range)
+        let probe = Probe::new(origin - self.center, direction);
+        let cross = |triangle| {
+            let corners = self
+                .mesh
+                .corners(triangle)
+                .map(|corner| corner - self.center);
+            let crossing = probe.ray().cross(corners);
+            crossing.filter(|c| range.0 < c.distance && c.distance < range.1)
+        };
+        let visible = probe.nearest(&self.clusters, (self.radius, range.1), cross);
+        visible.map(Hit::from)
+    }
+
+    /// Bytes that the prepared mesh holds, beside the mesh itself.
+    pub fn bytes(&self) -> usize {
+        self.clusters.bytes()
     }
 }
 
+/// What a rendering has at one pixel.
+#[derive(Debug, Clone, Copy)]
 struct Pixel {
     color: [u8; 3],
     depth: f32,
     normal: [f32; 3],
 }
 
-/// A renderer that looks through one view.
-struct Lens<'r> {
-    renderer: &'r Renderer<'r>,
-    view: &'r View,
-    frame: Frame<'r>,
-    /// The camera, counted from the mesh's centre.
-    origin: DVec3,
+impl Pixel {
+    fn empty(options: &RenderOptions) -> Self {
+        Self {
+            color: options.background,
+            depth: 0.0,
+            normal: [0.0; 3],
+        }
+    }
+
+    /// A pixel whose centre, along `direction`, sees `center`.
+    fn new(frame: &Frame<'_>, center: &Visible, direction: DVec3, color: [u8; 3]) -> Self {
+        let normal = frame.facing_normal(center.triangle, direction);
+        #[allow(clippy::cast_possible_truncation, reason = "depth maps are f32")]
+        Self {
+            color,
+            depth: center.crossing.distance as f32,
+            normal: normal.as_vec3().into(),
+        }
+    }
 }
 
-impl<'r> Lens<'r> {
-    fn new(renderer: &'r Renderer<'r>, view: &'r View) -> Self {
-        let frame = Frame::new(renderer.mesh, renderer.center, view);
-        let origin = view.pose.direction_to_world(-frame.center_in_cam());
-        Self {
-            renderer,
-            view,
-            frame,
-            origin,
-        }
-    }
+/// The mean colour of the samples that meet the surface; `at_center`'s if none does.
+fn mean_color(samples: impl Iterator<Item = Vec3>, at_center: impl FnOnce() -> Vec3) -> [u8; 3] {
+    let (sum, count) = samples.fold((Vec3::ZERO, 0.0), |(sum, count), color| {
+        (sum + color, count + 1.0)
+    });
+    let mean = if count > 0.0 {
+        sum / count
+    } else {
+        at_center()
+    };
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a mean of 8-bit values"
+    )]
+    mean.to_array().map(|value| (value + 0.5) as u8)
+}
 
-    /// What is seen at continuous image coordinates, and along which direction.
-    fn look(&self, position: DVec2) -> (DVec3, Option<Visible>) {
-        let direction = self.frame.direction(position);
-        let in_world = (self.origin, self.view.pose.direction_to_world(direction));
-        let visible = self.renderer.oracle.look(&self.frame, direction, in_world);
-        (direction, visible)
+/// A rendering from its pixels, row by row.
+fn assembled(
+    (width, height): (u32, u32),
+    pixels: impl Iterator<Item = Pixel>,
+) -> Result<Rendering> {
+    let count = width as usize * height as usize;
+    let mut color = Vec::with_capacity(count);
+    let mut depth = Vec::with_capacity(count);
+    let mut normals = Vec::with_capacity(count);
+    for pixel in pixels {
+        color.push(pixel.color);
+        depth.push(pixel.depth);
+        normals.push(pixel.normal);
     }
-
-    /// The pixel whose top-left outer corner is `corner`.
-    fn pixel(&self, corner: DVec2, side: u32, options: &RenderOptions) -> Pixel {
-        let (direction, center) = self.look(corner + 0.5);
-        let Some(center) = center else {
-            return Pixel {
-                color: options.background,
-                depth: 0.0,
-                normal: [0.0; 3],
-            };
-        };
-        #[allow(clippy::cast_possible_truncation, reason = "depth maps are f32")]
-        Pixel {
-            color: self.color(corner, side, &center),
-            depth: center.crossing.distance as f32,
-            normal: self
-                .frame
-                .facing_normal(center.triangle, direction)
-                .as_vec3()
-                .into(),
-        }
-    }
-
-    /// The mean colour of the samples that meet the surface; the centre's if none does.
-    fn color(&self, corner: DVec2, side: u32, center: &Visible) -> [u8; 3] {
-        let shade = |seen: &Visible| self.frame.color(seen.triangle, seen.crossing.weights);
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
-        for index in 0..side * side {
-            let cell = DVec2::new(f64::from(index % side), f64::from(index / side));
-            if let Some(seen) = self.look(corner + (cell + 0.5) / f64::from(side)).1 {
-                sum += shade(&seen);
-                count += 1.0;
-            }
-        }
-        let mean = if count > 0.0 {
-            sum / count
-        } else {
-            shade(center)
-        };
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a mean of 8-bit values"
-        )]
-        mean.to_array().map(|value| value.round() as u8)
-    }
+    Ok(Rendering {
+        color: Raster::from_values(width, height, color)?,
+        depth: DepthMap::from_values(width, height, depth)?.0,
+        normals: Raster::from_values(width, height, normals)?,
+    })
 }

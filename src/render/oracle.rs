@@ -1,71 +1,99 @@
-//! The slow, obvious way to find what is visible: one ray at a time through a binary tree, every
-//! candidate triangle tested exactly.
+//! The slow, obvious renderer that the fast one is held to: one ray at a time through a binary
+//! tree, every candidate triangle tested exactly. For tests.
 
 use super::bvh::Bvh;
 use super::surface::Frame;
 use super::triangle::{Crossing, Ray};
-use super::{Hit, Visible};
-use glam::DVec3;
-use mvs_datasets::scene::{Aabb, Mesh};
+use super::{Hit, Pixel, RenderOptions, Rendering, Visible, assembled, mean_color};
+use crate::error::Result;
+use crate::parallel;
+use glam::{DVec2, DVec3};
+use mvs_datasets::scene::{Aabb, Mesh, View};
 
 /// Rounding of coordinates, relative to the largest of them, that boxes are enlarged by.
 const ROUNDING: f64 = 1e-13;
 
 /// A mesh with a tree for single rays.
 #[derive(Debug)]
-pub(crate) struct Oracle {
+pub struct Oracle<'m> {
+    mesh: &'m Mesh,
     bvh: Bvh,
     center: DVec3,
     radius: f64,
 }
 
-impl Oracle {
+impl<'m> Oracle<'m> {
     /// Prepares a mesh with at least one triangle.
-    pub(crate) fn new(mesh: &Mesh, center: DVec3) -> Self {
+    pub fn new(mesh: &'m Mesh) -> Self {
+        let center = mesh.bounds().center();
         let boxes: Vec<Aabb> = (0..mesh.triangles().len())
             .map(|triangle| Aabb::around(mesh.corners(triangle).map(|corner| corner - center)))
             .collect();
         Self {
+            mesh,
             bvh: Bvh::new(&boxes),
             center,
             radius: 0.5 * mesh.bounds().size().length(),
         }
     }
 
-    /// What is seen along `direction` of the camera frame: the nearest triangle, the lower index
-    /// where two are equally near. `origin` and `direction_in_world` are the same ray in the world,
-    /// counted from the mesh's centre.
-    pub(crate) fn look(
-        &self,
-        frame: &Frame<'_>,
-        direction: DVec3,
-        (origin, direction_in_world): (DVec3, DVec3),
-    ) -> Option<Visible> {
-        self.nearest((origin, direction_in_world), f64::INFINITY, |triangle| {
-            frame.cross(triangle, direction)
-        })
+    /// As [`super::Renderer::render`], to the same bytes.
+    pub fn render(&self, view: &View, options: &RenderOptions) -> Result<Rendering> {
+        let side = options.grid()?;
+        let (width, height) = (view.camera.width(), view.camera.height());
+        let frame = Frame::new(self.mesh, self.center, view);
+        let rows = parallel::map(height as usize, |row| {
+            let pixel = |column| self.pixel((&frame, view), (column, row), (side, options));
+            (0..width as usize).map(pixel).collect::<Vec<_>>()
+        });
+        assembled((width, height), rows.into_iter().flatten())
     }
 
-    /// The first hit of a ray in the world with distance in (`range.0`, `range.1`).
-    pub(crate) fn first_hit(
-        &self,
-        mesh: &Mesh,
-        (origin, direction): (DVec3, DVec3),
-        range: (f64, f64),
-    ) -> Option<Hit> {
+    /// As [`super::Renderer::first_hit`].
+    pub fn first_hit(&self, origin: DVec3, direction: DVec3, range: (f64, f64)) -> Option<Hit> {
         let origin = origin - self.center;
         let ray = Ray::new(origin, direction);
         let cross = |triangle| {
-            let corners = mesh.corners(triangle).map(|corner| corner - self.center);
+            let corners = self
+                .mesh
+                .corners(triangle)
+                .map(|corner| corner - self.center);
             ray.cross(corners)
                 .filter(|c| range.0 < c.distance && c.distance < range.1)
         };
         self.nearest((origin, direction), range.1, cross)
-            .map(|visible| Hit {
-                triangle: visible.triangle,
-                distance: visible.crossing.distance,
-                weights: visible.crossing.weights,
-            })
+            .map(Hit::from)
+    }
+
+    fn pixel(
+        &self,
+        (frame, view): (&Frame<'_>, &View),
+        (column, row): (usize, usize),
+        (side, options): (u32, &RenderOptions),
+    ) -> Pixel {
+        let look = |side: usize, column: usize, row: usize| {
+            let sample = DVec2::new(column as f64, row as f64) + 0.5;
+            let direction = frame.direction(sample / side as f64);
+            let origin = view.pose.direction_to_world(-frame.center_in_cam());
+            let ray = (origin, view.pose.direction_to_world(direction));
+            let cross = |triangle| frame.cross(triangle, direction);
+            (direction, self.nearest(ray, f64::INFINITY, cross))
+        };
+        let (direction, center) = look(1, column, row);
+        let Some(center) = center else {
+            return Pixel::empty(options);
+        };
+        let side = side as usize;
+        let samples = (0..side * side).filter_map(|index| {
+            let (direction, seen) = look(
+                side,
+                column * side + index % side,
+                row * side + index / side,
+            );
+            Some(frame.patch(seen?.triangle).color(direction))
+        });
+        let at_center = || frame.patch(center.triangle).color(direction);
+        Pixel::new(frame, &center, direction, mean_color(samples, at_center))
     }
 
     fn nearest(

@@ -2,8 +2,8 @@
 
 use super::texture::{self, Border};
 use super::triangle::{Crossing, Ray};
-use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
-use mvs_datasets::scene::{Camera, Mesh, View};
+use glam::{DMat3, DVec2, DVec3, Vec3};
+use mvs_datasets::scene::{Camera, ColorImage, Corner, Mesh, View};
 
 /// A view of a mesh whose vertices are counted from the mesh's centre, so that large world
 /// offsets cost no precision.
@@ -27,6 +27,15 @@ impl<'m> Frame<'m> {
             center,
             center_in_cam: view.pose.to_cam(center),
         }
+    }
+
+    pub(crate) fn camera(&self) -> Camera {
+        self.camera
+    }
+
+    /// From the world to the camera.
+    pub(crate) fn rotation(&self) -> DMat3 {
+        self.rotation
     }
 
     /// The mesh's centre, in the camera frame.
@@ -65,22 +74,71 @@ impl<'m> Frame<'m> {
         }
     }
 
-    /// The colour at barycentric `weights` of a triangle's second and third corner, in 8-bit sRGB
-    /// units: from the material's texture, else from vertex colours, else the material's own.
-    pub(crate) fn color(&self, triangle: usize, weights: [f64; 2]) -> Vec3 {
-        let material = self.mesh.material_of(triangle);
+    /// The surface of a triangle, for its colours.
+    pub(crate) fn patch(&self, triangle: usize) -> Patch<'m> {
+        let [a, b, c] = self.corners(triangle);
+        let (first, second, third) = (c.cross(b), a.cross(c), b.cross(a));
+        Patch {
+            second,
+            third,
+            total: first + second + third,
+            look: Look::of(self.mesh, triangle),
+        }
+    }
+}
+
+/// A triangle's surface as seen from a view. Barycentric weights are ratios of linear functions of
+/// the direction.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Patch<'m> {
+    second: DVec3,
+    third: DVec3,
+    total: DVec3,
+    look: Look<'m>,
+}
+
+impl Patch<'_> {
+    /// The colour seen along a direction that meets the triangle, in 8-bit sRGB units: from the
+    /// material's texture, else from vertex colours, else the material's own.
+    pub(crate) fn color(&self, direction: DVec3) -> Vec3 {
+        let scale = 1.0 / self.total.dot(direction);
         #[allow(clippy::cast_possible_truncation, reason = "colours need no f64")]
-        let [v, w] = weights.map(|weight| weight as f32);
-        if let (Some(texture), Some(coords)) = (&material.texture, self.mesh.texture_coords()) {
-            let corners = &coords[triangle];
-            let coord: Vec2 = corners[0] * (1.0 - v - w) + corners[1] * v + corners[2] * w;
-            return texture::bilinear(texture, coord, Border::of(corners));
+        let weights = [self.second, self.third].map(|side| (side.dot(direction) * scale) as f32);
+        self.look.color(weights)
+    }
+}
+
+/// Where a triangle's colours come from.
+#[derive(Debug, Clone, Copy)]
+enum Look<'m> {
+    Texture(&'m ColorImage, Corner, Border),
+    Vertices([Vec3; 3]),
+    Plain(Vec3),
+}
+
+impl<'m> Look<'m> {
+    fn of(mesh: &'m Mesh, triangle: usize) -> Self {
+        let material = mesh.material_of(triangle);
+        if let (Some(texture), Some(coords)) = (&material.texture, mesh.texture_coords()) {
+            let corners = coords[triangle];
+            return Self::Texture(texture, corners, Border::of(&corners));
         }
-        if let Some(colors) = self.mesh.vertex_colors() {
-            let [a, b, c] = self.mesh.triangles()[triangle]
-                .map(|vertex| Vec3::from(colors[vertex as usize].map(f32::from)));
-            return a * (1.0 - v - w) + b * v + c * w;
+        if let Some(colors) = mesh.vertex_colors() {
+            let color = |vertex: u32| Vec3::from(colors[vertex as usize].map(f32::from));
+            return Self::Vertices(mesh.triangles()[triangle].map(color));
         }
-        Vec3::from(material.color.map(f32::from))
+        Self::Plain(Vec3::from(material.color.map(f32::from)))
+    }
+
+    fn color(&self, [v, w]: [f32; 2]) -> Vec3 {
+        match self {
+            Self::Texture(texture, [a, b, c], border) => {
+                texture::bilinear(texture, *a * (1.0 - v - w) + *b * v + *c * w, *border)
+            }
+            Self::Vertices([a, b, c]) => {
+                (*a * (1.0 - v - w) + *b * v + *c * w).clamp(Vec3::ZERO, Vec3::splat(255.0))
+            }
+            Self::Plain(color) => *color,
+        }
     }
 }

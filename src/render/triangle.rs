@@ -58,6 +58,11 @@ impl Ray {
         }
     }
 
+    /// The axes (two across, one along) and how much of the last is taken from the first two.
+    pub(crate) fn shearing(&self) -> ([usize; 3], [f64; 2]) {
+        (self.axes, self.shear)
+    }
+
     /// Where the line through the ray meets the triangle, borders included; `None` also for
     /// triangles seen edge-on or without area.
     pub(crate) fn cross(&self, corners: [DVec3; 3]) -> Option<Crossing> {

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3, Vec2};
 use mvs_datasets::scene::{Camera, ColorImage, Corner, Material, Mesh, Pose, Raster, View};
+use mvs_eval::render::oracle::Oracle;
 use mvs_eval::render::{RenderOptions, Renderer, Rendering};
 use std::sync::Arc;
 
@@ -411,4 +412,133 @@ fn threads_do_not_change_a_byte() {
     let four = mvs_eval::parallel::with_threads(4, render).unwrap();
     assert!(one == four);
     let _: &Raster<[u8; 3]> = &one.color;
+}
+
+/// Numbers between -1 and 1 that look random and never change.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    fn vector(&mut self) -> DVec3 {
+        DVec3::new(self.next(), self.next(), self.next())
+    }
+}
+
+/// Triangles of all shapes, thrown into a cube: large and tiny ones, slivers, copies.
+fn soup(count: u32, seed: u64) -> Mesh {
+    let mut noise = Noise(seed);
+    let mut vertices = Vec::new();
+    for index in 0..count {
+        let anchor = noise.vector();
+        let size = 10f64.powf(1.5 * noise.next() - 1.5);
+        let sliver = if index % 5 == 0 { 1e-6 } else { 1.0 };
+        let (along, across) = (noise.vector() * size, noise.vector() * size * sliver);
+        vertices.extend([anchor, anchor + along, anchor + across + 0.3 * along]);
+        if index % 7 == 0 {
+            let copy = vertices[vertices.len() - 3..].to_vec();
+            vertices.extend(copy);
+        }
+    }
+    let count = u32::try_from(vertices.len()).unwrap();
+    let triangles = (0..count / 3)
+        .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+        .collect();
+    let colors = (0..count).map(|_| noise.vector().to_array().map(|v| (100.0 * v + 120.0) as u8));
+    let colors = colors.collect();
+    Mesh::new(vertices, triangles)
+        .unwrap()
+        .with_vertex_colors(colors)
+        .unwrap()
+}
+
+/// Hills over the unit square, `side` x `side` cells.
+fn terrain(side: u32) -> Mesh {
+    let at = |i: u32| f64::from(i) / f64::from(side) * 2.0 - 1.0;
+    let height =
+        |x: f64, y: f64| 0.1 * (7.0 * x).sin() * (5.0 * y).cos() + 0.02 * (40.0 * x * y).sin();
+    let vertices = (0..=side)
+        .flat_map(|j| (0..=side).map(move |i| DVec3::new(at(i), at(j), height(at(i), at(j)))));
+    let cell = |i: u32, j: u32| {
+        let a = j * (side + 1) + i;
+        [[a, a + 1, a + side + 2], [a, a + side + 2, a + side + 1]]
+    };
+    let triangles = (0..side)
+        .flat_map(|j| (0..side).flat_map(move |i| cell(i, j)))
+        .collect();
+    Mesh::new(vertices.collect(), triangles).unwrap()
+}
+
+#[test]
+fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
+    let meshes = [
+        ("sphere", sphere(40), 1.0),
+        ("cuboid", cuboid(DVec3::ZERO, DVec3::splat(0.6)), 1.0),
+        ("soup", soup(3000, 1), 1.0),
+        ("terrain", terrain(120), 1.0),
+        (
+            "terrain far away",
+            moved(&terrain(60), DVec3::new(5e5, -4e6, 1e3)),
+            1.0,
+        ),
+        ("small soup", scaled(&soup(500, 2), 1e-6), 1e-6),
+        ("large soup", scaled(&soup(500, 3), 1e6), 1e6),
+    ];
+    let mut noise = Noise(7);
+    for (name, mesh, scale) in &meshes {
+        let renderer = Renderer::new(mesh).unwrap();
+        let oracle = Oracle::new(mesh);
+        let middle = mesh.bounds().center();
+        for index in 0..6 {
+            // From outside, from inside, and so close that triangles reach behind the camera.
+            let reach = [3.0, 1.3, 0.5, 0.2, 0.05, 2.0][index];
+            let eye = middle + noise.vector().normalize() * reach * *scale;
+            let target = middle + noise.vector() * 0.3 * *scale;
+            let pose = Pose::looking_at(eye, target, noise.vector()).unwrap();
+            let view = view(pose, 130 + index as u32, 71);
+            let options = RenderOptions {
+                samples: [1, 4, 9][index % 3],
+                ..RenderOptions::default()
+            };
+            let fast = renderer.render(&view, &options).unwrap();
+            let slow = oracle.render(&view, &options).unwrap();
+            let differing = |a: &[f32], b: &[f32]| {
+                a.iter()
+                    .zip(b)
+                    .filter(|(a, b)| a.to_bits() != b.to_bits())
+                    .count()
+            };
+            assert_eq!(
+                differing(fast.depth.values(), slow.depth.values()),
+                0,
+                "depth of {name} {index}"
+            );
+            assert!(fast.normals == slow.normals, "normals of {name} {index}");
+            assert!(fast.color == slow.color, "colors of {name} {index}");
+        }
+    }
+}
+
+fn moved(mesh: &Mesh, offset: DVec3) -> Mesh {
+    let vertices = mesh
+        .vertices()
+        .iter()
+        .map(|vertex| *vertex + offset)
+        .collect();
+    Mesh::new(vertices, mesh.triangles().to_vec()).unwrap()
+}
+
+fn scaled(mesh: &Mesh, scale: f64) -> Mesh {
+    let vertices = mesh
+        .vertices()
+        .iter()
+        .map(|vertex| *vertex * scale)
+        .collect();
+    Mesh::new(vertices, mesh.triangles().to_vec()).unwrap()
 }

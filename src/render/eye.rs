@@ -1,0 +1,48 @@
+//! A view as a regular grid of samples, and what the fast paths need to project onto it.
+
+use super::surface::Frame;
+use super::triangle::Crossing;
+use glam::{DMat3, DVec2, DVec3};
+
+/// A view whose pixels are cut into `side` × `side` samples, numbered in one grid.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Eye<'m> {
+    pub(crate) frame: Frame<'m>,
+    side: u32,
+    /// Of the grid: pixels times `side`.
+    pub(crate) focal: DVec2,
+    pub(crate) principal: DVec2,
+    pub(crate) rotation: DMat3,
+    pub(crate) center_in_cam: DVec3,
+}
+
+impl<'m> Eye<'m> {
+    pub(crate) fn new(frame: Frame<'m>, side: u32) -> Self {
+        let camera = frame.camera();
+        Self {
+            frame,
+            side,
+            focal: camera.focal() * f64::from(side),
+            principal: camera.center() * f64::from(side),
+            rotation: frame.rotation(),
+            center_in_cam: frame.center_in_cam(),
+        }
+    }
+
+    /// Samples along each side of a pixel.
+    pub(crate) fn side(&self) -> u32 {
+        self.side
+    }
+
+    /// The direction in which a sample looks, in the camera frame at depth 1.
+    pub(crate) fn direction(&self, column: usize, row: usize) -> DVec3 {
+        let sample = DVec2::new(column as f64, row as f64) + 0.5;
+        self.frame.direction(sample / f64::from(self.side))
+    }
+
+    /// Where a sample sees a triangle.
+    pub(crate) fn cross(&self, triangle: u32, column: usize, row: usize) -> Option<Crossing> {
+        self.frame
+            .cross(triangle as usize, self.direction(column, row))
+    }
+}

@@ -1,0 +1,171 @@
+//! A square of samples with what is nearest at each, and how far the farthest of each block is.
+
+/// Samples along each side.
+pub(crate) const SIZE: usize = 64;
+/// Samples along each side of a block.
+pub(crate) const BLOCK: usize = 8;
+const BLOCKS: usize = SIZE / BLOCK;
+/// Stands for no triangle.
+pub(crate) const NONE: u32 = u32::MAX;
+/// Relative difference of depths above which the fast paths are trusted to know the nearer.
+pub(crate) const DOUBT: f32 = 4e-6;
+
+/// A sample of a tile.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Spot {
+    pub(crate) column: usize,
+    pub(crate) row: usize,
+}
+
+/// Nearness, that is 1 / z-depth, and the visible triangle of each sample.
+#[derive(Debug, Clone)]
+pub(crate) struct Tile {
+    /// 0 where there is no surface, infinite beyond the tile's used part.
+    pub(crate) nearness: Vec<f32>,
+    pub(crate) triangles: Vec<u32>,
+    /// The least nearness in each block, as of its last visit.
+    least: [f32; BLOCKS * BLOCKS],
+    /// One bit per block whose `least` is out of date.
+    dirty: u64,
+}
+
+impl Tile {
+    /// A tile of which `width` × `height` samples are used.
+    pub(crate) fn new(width: usize, height: usize) -> Self {
+        let mut nearness = vec![f32::INFINITY; SIZE * SIZE];
+        for row in nearness.chunks_exact_mut(SIZE).take(height) {
+            row[..width].fill(0.0);
+        }
+        Self {
+            nearness,
+            triangles: vec![NONE; SIZE * SIZE],
+            least: [0.0; BLOCKS * BLOCKS],
+            dirty: u64::MAX,
+        }
+    }
+
+    /// The visible triangle at a sample.
+    pub(crate) fn triangle(&self, spot: Spot) -> Option<u32> {
+        let triangle = self.triangles[spot.row * SIZE + spot.column];
+        (triangle != NONE).then_some(triangle)
+    }
+
+    /// Notes that samples between two corners, both included, have changed.
+    pub(crate) fn touch(&mut self, from: Spot, to: Spot) {
+        for row in from.row / BLOCK..=to.row / BLOCK {
+            let bits = (1u64 << (to.column / BLOCK - from.column / BLOCK + 1)) - 1;
+            self.dirty |= bits << (row * BLOCKS + from.column / BLOCK);
+        }
+    }
+
+    /// Whether all samples between two corners, both included, are nearer than `nearness`.
+    pub(crate) fn hides(&mut self, (from, to): (Spot, Spot), nearness: f32) -> bool {
+        let bar = nearness * (1.0 + 2.0 * DOUBT);
+        (from.row / BLOCK..=to.row / BLOCK).all(|row| {
+            (from.column / BLOCK..=to.column / BLOCK).all(|column| self.least(row, column) > bar)
+        })
+    }
+
+    fn least(&mut self, row: usize, column: usize) -> f32 {
+        let block = row * BLOCKS + column;
+        if self.dirty >> block & 1 == 1 {
+            let corner = row * BLOCK * SIZE + column * BLOCK;
+            let mut least = [f32::INFINITY; BLOCK];
+            for row in 0..BLOCK {
+                let samples = &self.nearness[corner + row * SIZE..][..BLOCK];
+                for (least, &sample) in least.iter_mut().zip(samples) {
+                    *least = if sample < *least { sample } else { *least };
+                }
+            }
+            self.least[block] = least.into_iter().fold(f32::INFINITY, f32::min);
+            self.dirty &= !(1 << block);
+        }
+        self.least[block]
+    }
+
+    /// Makes `triangle` visible at a sample if it is nearer than what is there. Within [`DOUBT`]
+    /// the exact distances that `exact` returns decide, then the lower number.
+    pub(crate) fn offer(
+        &mut self,
+        spot: Spot,
+        (triangle, nearness): (u32, f32),
+        exact: impl Fn(u32) -> Option<f64>,
+    ) {
+        let index = spot.row * SIZE + spot.column;
+        let there = self.nearness[index];
+        if nearness < there * (1.0 - DOUBT) {
+            return;
+        }
+        let old = self.triangles[index];
+        if nearness <= there * (1.0 + DOUBT) && old != NONE {
+            let Some(new_distance) = exact(triangle) else {
+                return;
+            };
+            let old_distance = exact(old).unwrap_or(f64::INFINITY);
+            if (old_distance, old) <= (new_distance, triangle) {
+                return;
+            }
+        }
+        self.nearness[index] = nearness;
+        self.triangles[index] = triangle;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SPOT: Spot = Spot { column: 3, row: 9 };
+
+    #[test]
+    fn the_nearer_wins_and_doubt_is_settled_exactly() {
+        let mut tile = Tile::new(SIZE, SIZE);
+        let never = |_: u32| -> Option<f64> { unreachable!("clear cases need no exact test") };
+        tile.offer(SPOT, (5, 1.0), never);
+        tile.offer(SPOT, (6, 0.9), never);
+        assert_eq!(tile.triangle(SPOT), Some(5));
+        tile.offer(SPOT, (7, 1.1), never);
+        assert_eq!(tile.triangle(SPOT), Some(7));
+        tile.offer(SPOT, (8, 1.1 * (1.0 + 1e-6)), |triangle| {
+            Some(f64::from(triangle))
+        });
+        assert_eq!(tile.triangle(SPOT), Some(7));
+        tile.offer(SPOT, (9, 1.1 * (1.0 - 1e-6)), |triangle| {
+            Some(-f64::from(triangle))
+        });
+        assert_eq!(tile.triangle(SPOT), Some(9));
+        tile.offer(SPOT, (4, 1.1), |_| Some(1.0));
+        assert_eq!(
+            tile.triangle(SPOT),
+            Some(4),
+            "equally near: the lower number"
+        );
+        tile.offer(SPOT, (3, 1.1), |triangle| (triangle != 3).then_some(1.0));
+        assert_eq!(tile.triangle(SPOT), Some(4), "not met at all");
+    }
+
+    #[test]
+    fn a_block_hides_only_what_is_behind_all_of_it() {
+        let mut tile = Tile::new(20, 20);
+        let (from, to) = (Spot { column: 0, row: 0 }, Spot { column: 7, row: 7 });
+        for row in 0..8 {
+            for column in 0..8 {
+                assert!(!tile.hides((from, to), 0.5));
+                tile.offer(Spot { column, row }, (1, 1.0), |_| None);
+                tile.touch(Spot { column, row }, Spot { column, row });
+            }
+        }
+        assert!(tile.hides((from, to), 0.5) && !tile.hides((from, to), 1.0));
+        assert!(!tile.hides((from, Spot { column: 8, row: 7 }), 0.5));
+        assert!(tile.hides(
+            (
+                Spot { column: 24, row: 0 },
+                Spot {
+                    column: 63,
+                    row: 63
+                }
+            ),
+            0.5
+        ));
+    }
+}
