@@ -44,11 +44,6 @@ impl<'a> Words<'a> {
         self.next.is_none()
     }
 
-    /// The next word, left where it is.
-    pub(super) fn peek(&self) -> Option<&'a str> {
-        self.next.map(|word| word.text)
-    }
-
     /// Where the next word stands, or where the text ends.
     pub(super) fn place(&self) -> String {
         match self.next {

@@ -1,7 +1,8 @@
+use super::distortion::Distortion;
 use crate::error::{Error, Result};
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
-/// A pinhole camera: image size and intrinsics in pixels.
+/// A camera: image size and intrinsics in pixels, and what its lens does, if anything.
 ///
 /// Continuous image coordinates: the centre of pixel (column, row) is (column + 0.5, row + 0.5).
 /// Sizes are ≥ 1, focal lengths are finite and > 0, the principal point is finite.
@@ -13,6 +14,9 @@ pub struct Camera {
     fy: f64,
     cx: f64,
     cy: f64,
+    distortion: Distortion,
+    /// [`Distortion::field_radius`], found once.
+    field_radius: f64,
 }
 
 impl Camera {
@@ -44,7 +48,25 @@ impl Camera {
             fy: focal.y,
             cx: center.x,
             cy: center.y,
+            distortion: Distortion::None,
+            field_radius: f64::INFINITY,
         })
+    }
+
+    /// The same camera behind a lens. [`Camera::project`] and [`Camera::ray`] go through it.
+    pub fn with_distortion(mut self, distortion: Distortion) -> Result<Self> {
+        if !distortion.is_finite() {
+            let problem = format!("expected finite distortion coefficients, found {distortion:?}");
+            return Err(Error::invalid("camera", problem));
+        }
+        self.distortion = distortion;
+        self.field_radius = distortion.field_radius();
+        Ok(self)
+    }
+
+    /// What the lens does.
+    pub fn distortion(&self) -> Distortion {
+        self.distortion
     }
 
     /// Image width in pixels.
@@ -76,24 +98,33 @@ impl Camera {
         )
     }
 
-    /// Image coordinates of a point in the camera frame; `None` unless it lies in front (z > 0).
+    /// Image coordinates of a point in the camera frame; `None` unless it lies in front (z > 0) and
+    /// inside the lens's field.
     pub fn project(&self, point_in_cam: DVec3) -> Option<DVec2> {
-        (point_in_cam.z > 0.0).then(|| {
-            DVec2::new(
-                self.fx * (point_in_cam.x / point_in_cam.z) + self.cx,
-                self.fy * (point_in_cam.y / point_in_cam.z) + self.cy,
-            )
-        })
+        if point_in_cam.z <= 0.0 || point_in_cam.z.is_nan() {
+            return None;
+        }
+        let ideal = point_in_cam.truncate() / point_in_cam.z;
+        let seen = match self.distortion {
+            Distortion::None => ideal,
+            _ if ideal.length() > self.field_radius => return None,
+            lens => lens.distort(ideal),
+        };
+        Some(DVec2::new(
+            self.fx * seen.x + self.cx,
+            self.fy * seen.y + self.cy,
+        ))
     }
 
     /// The point in the camera frame at z-depth 1 that projects to `pixel`; multiply by a z-depth
-    /// to reach any other point of the ray.
+    /// to reach any other point of the ray. Without distortion every pixel has one; where a lens
+    /// has none, x and y are NaN.
     pub fn ray(&self, pixel: DVec2) -> DVec3 {
-        DVec3::new(
-            (pixel.x - self.cx) / self.fx,
-            (pixel.y - self.cy) / self.fy,
-            1.0,
-        )
+        let seen = DVec2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
+        self.distortion
+            .undistort_within(seen, self.field_radius)
+            .unwrap_or(DVec2::NAN)
+            .extend(1.0)
     }
 
     /// Whether continuous coordinates lie on the image, borders included.
@@ -110,7 +141,16 @@ impl Camera {
             f64::from(width) / f64::from(self.width),
             f64::from(height) / f64::from(self.height),
         );
-        Self::new(width, height, self.focal() * scale, self.center() * scale)
+        let (focal, center) = (self.focal() * scale, self.center() * scale);
+        Ok(self.behind_same_lens(Self::new(width, height, focal, center)?))
+    }
+
+    fn behind_same_lens(&self, other: Self) -> Self {
+        Self {
+            distortion: self.distortion,
+            field_radius: self.field_radius,
+            ..other
+        }
     }
 
     /// The same camera seeing only the window of `width` × `height` pixels whose top-left pixel is
@@ -121,7 +161,8 @@ impl Camera {
             reason = "pixel offsets are far below 2^53"
         )]
         let offset = DVec2::new(left as f64, top as f64);
-        Self::new(width, height, self.focal(), self.center() - offset)
+        let center = self.center() - offset;
+        Ok(self.behind_same_lens(Self::new(width, height, self.focal(), center)?))
     }
 }
 
@@ -251,6 +292,42 @@ mod tests {
         assert!((back - pixel).length() < 1e-12);
         assert_eq!(camera().project(DVec3::new(0.0, 0.0, -1.0)), None);
         assert_eq!(camera().project(DVec3::ZERO), None);
+    }
+
+    #[test]
+    fn a_lens_bends_rays_and_stays_when_resized() {
+        let lens = Distortion::RadialTangential {
+            radial: [-0.2, 0.05, 0.0, 0.0, 0.0, 0.0],
+            tangential: [1e-3, -2e-3],
+        };
+        let bent = camera().with_distortion(lens).unwrap();
+        let point = DVec3::new(0.3, -0.2, 2.0);
+        let pixel = bent.project(point).unwrap();
+        assert!((pixel - camera().project(point).unwrap()).length() > 0.1);
+        assert!((bent.ray(pixel) * 2.0 - point).length() < 1e-12);
+        let half = bent
+            .resized(320, 240)
+            .unwrap()
+            .cropped(3, 4, 50, 60)
+            .unwrap();
+        let expected = pixel * 0.5 - DVec2::new(3.0, 4.0);
+        assert!((half.project(point).unwrap() - expected).length() < 1e-12);
+        assert_eq!(half.distortion(), lens);
+        let broken = Distortion::Fisheye {
+            radial: [f64::NAN; 4],
+        };
+        assert!(camera().with_distortion(broken).is_err());
+    }
+
+    #[test]
+    fn beyond_a_lens_s_field_nothing_is_seen() {
+        let barrel = Distortion::RadialTangential {
+            radial: [-0.3, 0.0, 0.0, 0.0, 0.0, 0.0],
+            tangential: [0.0; 2],
+        };
+        let bent = camera().with_distortion(barrel).unwrap();
+        assert_eq!(bent.project(DVec3::new(1.5, 0.0, 1.0)), None);
+        assert!(bent.ray(DVec2::new(2000.0, 240.0)).x.is_nan());
     }
 
     #[test]

@@ -1,0 +1,293 @@
+use glam::{DMat2, DVec2};
+
+/// Radii up to which a lens is searched for the edge of its field: an angle of 89.4°.
+const WIDEST: f64 = 100.0;
+
+/// How a lens bends rays: a map of the plane at z-depth 1 (x right, y down) onto itself.
+///
+/// Coefficients as in OpenCV and COLMAP; all zero is no distortion.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Distortion {
+    /// A pinhole.
+    #[default]
+    None,
+    /// Radial and tangential: the factor (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶),
+    /// then p1 and p2.
+    RadialTangential {
+        /// k1 to k6.
+        radial: [f64; 6],
+        /// p1 and p2.
+        tangential: [f64; 2],
+    },
+    /// Equidistant fisheye: the angle θ to the axis becomes
+    /// θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸).
+    Fisheye {
+        /// k1 to k4.
+        radial: [f64; 4],
+    },
+}
+
+impl Distortion {
+    /// Where the ray through `ideal` seems to pass. Meaningful inside [`Distortion::field_radius`].
+    pub fn distort(&self, ideal: DVec2) -> DVec2 {
+        let radius = ideal.length();
+        match self {
+            Self::None => ideal,
+            Self::RadialTangential { tangential, .. } => {
+                let [p1, p2] = *tangential;
+                let r2 = radius * radius;
+                let xy = ideal.x * ideal.y;
+                let shift = DVec2::new(
+                    2.0 * p1 * xy + p2 * (r2 + 2.0 * ideal.x * ideal.x),
+                    2.0 * p2 * xy + p1 * (r2 + 2.0 * ideal.y * ideal.y),
+                );
+                ideal * self.factor(radius).0 + shift
+            }
+            Self::Fisheye { .. } if radius > 0.0 => ideal * (self.profile(radius).0 / radius),
+            Self::Fisheye { .. } => ideal,
+        }
+    }
+
+    /// The inverse of [`Distortion::distort`] inside the field, iterated until it fits to 1e-12.
+    /// `None` for what no ray inside the field is bent to.
+    pub fn undistort(&self, seen: DVec2) -> Option<DVec2> {
+        if *self == Self::None {
+            return Some(seen);
+        }
+        self.undistort_within(seen, self.field_radius())
+    }
+
+    /// [`Distortion::undistort`] with the field's radius already known.
+    pub(super) fn undistort_within(&self, seen: DVec2, field_radius: f64) -> Option<DVec2> {
+        if *self == Self::None {
+            return Some(seen);
+        }
+        let mut ideal = self.undo_radial(seen, field_radius)?;
+        for _ in 0..20 {
+            let error = self.distort(ideal) - seen;
+            if error.length() <= 1e-15 * (1.0 + seen.length()) {
+                break;
+            }
+            ideal -= self.jacobian(ideal).inverse() * error;
+        }
+        let fits = (self.distort(ideal) - seen).length() <= 1e-12 * (1.0 + seen.length());
+        (fits && ideal.length() <= field_radius * (1.0 + 1e-9)).then_some(ideal)
+    }
+
+    /// The largest radius up to which radii grow when distorted, so that there is one ray per image
+    /// point; infinite when there is no such limit.
+    pub fn field_radius(&self) -> f64 {
+        let grows = |radius: f64| {
+            let (value, slope) = self.profile(radius);
+            value.is_finite() && value > 0.0 && slope > 0.0
+        };
+        let mut inside = 1e-3;
+        while inside < WIDEST {
+            let mut beyond = inside * 1.01;
+            if !grows(beyond) {
+                for _ in 0..60 {
+                    let middle = 0.5 * (inside + beyond);
+                    if grows(middle) {
+                        inside = middle;
+                    } else {
+                        beyond = middle;
+                    }
+                }
+                return inside;
+            }
+            inside = beyond;
+        }
+        f64::INFINITY
+    }
+
+    /// The radial part alone, undone by Newton's method inside a bracket that halves when in doubt.
+    fn undo_radial(&self, seen: DVec2, field_radius: f64) -> Option<DVec2> {
+        let target = seen.length();
+        if target == 0.0 {
+            return Some(seen);
+        }
+        let (mut low, mut high) = (0.0, field_radius.min(2.0 * target + 1.0));
+        while self.profile(high).0 < target {
+            if high >= field_radius || high > 1e6 {
+                // Beyond the field radially; tangential bending may still reach it from the edge.
+                return (self.profile(high).0 * 1.05 > target).then(|| seen * (high / target));
+            }
+            high = (2.0 * high).min(field_radius);
+        }
+        let mut radius = target.min(0.5 * (low + high));
+        for _ in 0..100 {
+            let (value, slope) = self.profile(radius);
+            if value > target {
+                high = radius;
+            } else {
+                low = radius;
+            }
+            let newton = radius - (value - target) / slope;
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
+            if (next - radius).abs() <= 1e-16 * radius {
+                break;
+            }
+            radius = next;
+        }
+        Some(seen * (radius / target))
+    }
+
+    /// What a radius becomes without tangential bending, and how fast that grows.
+    fn profile(&self, radius: f64) -> (f64, f64) {
+        match self {
+            Self::None => (radius, 1.0),
+            Self::RadialTangential { .. } => {
+                let (factor, slope) = self.factor(radius);
+                (radius * factor, factor + radius * slope)
+            }
+            Self::Fisheye { radial } => {
+                let angle = radius.atan();
+                let a2 = angle * angle;
+                let [k1, k2, k3, k4] = *radial;
+                let value = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
+                let slope =
+                    1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)));
+                (value, slope / (1.0 + radius * radius))
+            }
+        }
+    }
+
+    /// The radial factor and its derivative by the radius; NaN where the denominator is not above 0.
+    fn factor(&self, radius: f64) -> (f64, f64) {
+        let Self::RadialTangential { radial, .. } = self else {
+            return (1.0, 0.0);
+        };
+        let [k1, k2, k3, k4, k5, k6] = *radial;
+        let r2 = radius * radius;
+        let over = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let under = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+        if under <= 0.0 {
+            return (f64::NAN, f64::NAN);
+        }
+        let over_slope = 2.0 * radius * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3));
+        let under_slope = 2.0 * radius * (k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6));
+        let slope = (over_slope * under - over * under_slope) / (under * under);
+        (over / under, slope)
+    }
+
+    /// The derivative of [`Distortion::distort`].
+    fn jacobian(&self, ideal: DVec2) -> DMat2 {
+        let radius = ideal.length();
+        if radius < 1e-12 {
+            return DMat2::IDENTITY;
+        }
+        let (value, slope) = self.profile(radius);
+        let factor = value / radius;
+        let along = ideal / radius;
+        let bend = slope - factor;
+        let mut jacobian = DMat2::from_cols(
+            DVec2::new(factor + bend * along.x * along.x, bend * along.x * along.y),
+            DVec2::new(bend * along.x * along.y, factor + bend * along.y * along.y),
+        );
+        if let Self::RadialTangential { tangential, .. } = self {
+            let [p1, p2] = *tangential;
+            let DVec2 { x, y } = ideal;
+            jacobian += DMat2::from_cols(
+                DVec2::new(2.0 * p1 * y + 6.0 * p2 * x, 2.0 * p2 * y + 2.0 * p1 * x),
+                DVec2::new(2.0 * p1 * x + 2.0 * p2 * y, 2.0 * p2 * x + 6.0 * p1 * y),
+            );
+        }
+        jacobian
+    }
+
+    /// Whether all coefficients are finite.
+    pub fn is_finite(&self) -> bool {
+        match self {
+            Self::None => true,
+            Self::RadialTangential { radial, tangential } => radial
+                .iter()
+                .chain(tangential)
+                .all(|value| value.is_finite()),
+            Self::Fisheye { radial } => radial.iter().all(|value| value.is_finite()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn lenses() -> Vec<Distortion> {
+        let lens = |radial, tangential| Distortion::RadialTangential { radial, tangential };
+        vec![
+            Distortion::None,
+            lens([-0.13, 0.1, 0.0, 0.0, 0.0, 0.0], [0.0; 2]),
+            lens([-0.28, 0.07, 0.001, 0.0, 0.0, 0.0], [0.002, -0.003]),
+            lens([0.4, 0.2, 0.1, 0.7, 0.1, 0.02], [-0.001, 0.001]),
+            Distortion::Fisheye { radial: [0.0; 4] },
+            Distortion::Fisheye {
+                radial: [-0.02, 0.01, -0.005, 0.0005],
+            },
+        ]
+    }
+
+    #[test]
+    fn the_formulas_are_opencv_s() {
+        // OpenCV 4 projectPoints and fisheye::distortPoints for the point (0.3, -0.2, 1).
+        let p = DVec2::new(0.3, -0.2);
+        let r2: f64 = 0.13;
+        let lens = Distortion::RadialTangential {
+            radial: [0.1, -0.2, 0.3, 0.05, 0.02, 0.01],
+            tangential: [0.01, -0.02],
+        };
+        let factor = (1.0 + 0.1 * r2 - 0.2 * r2.powi(2) + 0.3 * r2.powi(3))
+            / (1.0 + 0.05 * r2 + 0.02 * r2.powi(2) + 0.01 * r2.powi(3));
+        let x = 0.3 * factor + 2.0 * 0.01 * 0.3 * -0.2 - 0.02 * (r2 + 2.0 * 0.09);
+        let y = -0.2 * factor + 0.01 * (r2 + 2.0 * 0.04) - 2.0 * 0.02 * 0.3 * -0.2;
+        assert!((lens.distort(p) - DVec2::new(x, y)).length() < 1e-15);
+        let fisheye = Distortion::Fisheye {
+            radial: [0.1, 0.0, 0.0, 0.0],
+        };
+        let angle = r2.sqrt().atan();
+        let expected = p / r2.sqrt() * (angle + 0.1 * angle.powi(3));
+        assert!((fisheye.distort(p) - expected).length() < 1e-15);
+    }
+
+    proptest! {
+        #[test]
+        fn undistorting_undoes_distorting(which in 0usize..6, angle in 0.0..6.3f64, part in 0.0..0.95f64) {
+            let lens = lenses()[which];
+            let radius = part * lens.field_radius().min(3.0);
+            let ideal = radius * DVec2::from_angle(angle);
+            let back = lens.undistort(lens.distort(ideal)).unwrap();
+            prop_assert!((back - ideal).length() < 1e-9, "{lens:?} {ideal} {back}");
+        }
+
+        #[test]
+        fn the_jacobian_is_the_slope(which in 0usize..6, x in -0.7..0.7f64, y in -0.7..0.7f64) {
+            let lens = lenses()[which];
+            let at = DVec2::new(x, y);
+            let step = 1e-6;
+            for axis in [DVec2::X, DVec2::Y] {
+                let slope = (lens.distort(at + step * axis) - lens.distort(at - step * axis)) / (2.0 * step);
+                prop_assert!((lens.jacobian(at) * axis - slope).length() < 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn outside_the_field_there_is_no_ray() {
+        let barrel = Distortion::RadialTangential {
+            radial: [-0.3, 0.0, 0.0, 0.0, 0.0, 0.0],
+            tangential: [0.0; 2],
+        };
+        // r − 0.3 r³ grows up to r = 1 / sqrt(0.9).
+        let edge = 1.0 / 0.9f64.sqrt();
+        assert!((barrel.field_radius() - edge).abs() < 1e-9);
+        assert_eq!(barrel.undistort(DVec2::new(0.8, 0.0)), None);
+        assert!(barrel.undistort(DVec2::new(0.7, 0.0)).unwrap().x < edge);
+        assert_eq!(Distortion::None.field_radius(), f64::INFINITY);
+        let fisheye = Distortion::Fisheye { radial: [0.0; 4] };
+        assert_eq!(fisheye.undistort(DVec2::new(1.6, 0.0)), None, "beyond 90°");
+    }
+}
