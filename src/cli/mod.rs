@@ -4,12 +4,16 @@
 //! failed; 2 could not do it.
 
 mod bars;
+mod blend;
 mod common;
+mod demo;
 mod fuse;
+mod generate;
 mod inspect;
 mod output;
 mod render;
 mod replay;
+mod report;
 mod score;
 
 use clap::{Parser, Subcommand};
@@ -45,10 +49,14 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Render(render::RenderArgs),
+    Demo(demo::DemoArgs),
+    Generate(generate::GenerateArgs),
     Fuse(fuse::FuseArgs),
-    Inspect(inspect::InspectArgs),
     Score(score::ScoreArgs),
+    Report(report::ReportArgs),
+    Render(render::RenderArgs),
+    Blend(blend::BlendArgs),
+    Inspect(inspect::InspectArgs),
     Replay(replay::ReplayArgs),
 }
 
@@ -79,6 +87,10 @@ pub(crate) fn main() -> ExitCode {
 
 fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
     match command {
+        Command::Demo(args) => demo::run(args, global),
+        Command::Blend(args) => blend::run(args, global),
+        Command::Generate(args) => generate::run(args, global),
+        Command::Report(args) => report::run(args, global),
         Command::Render(args) => render::run(args, global),
         Command::Fuse(args) => fuse::run(args, global),
         Command::Inspect(args) => inspect::run(args, global),

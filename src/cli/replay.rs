@@ -1,5 +1,5 @@
 use super::common::{Global, Verdict};
-use super::{fuse, output, render, score};
+use super::{blend, demo, fuse, generate, output, render, report, score};
 use clap::Args;
 use mvs_eval::config;
 use mvs_eval::provenance::Run;
@@ -32,6 +32,10 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
     }
     let layers = [run.options.clone(), over];
     match run.command.as_str() {
+        "demo" => demo::execute(&config::resolve(layers)?, global),
+        "blend" => blend::execute(&config::resolve(layers)?, global),
+        "generate" => generate::execute(&config::resolve(layers)?, global),
+        "report" => report::execute(&config::resolve(layers)?, global),
         "render" => render::execute(&config::resolve(layers)?, global),
         "score" => score::execute(&config::resolve(layers)?, global),
         "fuse" => fuse::execute(&config::resolve(layers)?, global),

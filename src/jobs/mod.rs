@@ -5,11 +5,13 @@
 //! an outcome which the command line prints.
 
 pub mod blend;
+pub mod demo;
 pub mod fuse;
 pub mod generate;
 pub mod inspect;
 mod out;
 pub mod render;
+pub mod report;
 pub mod score;
 
 pub use out::{OutDir, check_out_file, run_file_beside};

@@ -8,6 +8,7 @@
 )]
 
 mod architecture;
+mod cli;
 mod formats;
 mod generate;
 mod meshes;
@@ -15,3 +16,4 @@ mod parity;
 mod render;
 mod report;
 mod score;
+mod support;

@@ -52,8 +52,16 @@ pub fn predict(
     }
     #[allow(clippy::cast_precision_loss, reason = "a number of samples")]
     let recall = right / samples.len().max(1) as f64;
-    let precision = if recovered > 0.0 { right / recovered } else { 0.0 };
-    Prediction { precision, recall, f_score: mvs_metrics::score::f_score(precision, recall) }
+    let precision = if recovered > 0.0 {
+        right / recovered
+    } else {
+        0.0
+    };
+    Prediction {
+        precision,
+        recall,
+        f_score: mvs_metrics::score::f_score(precision, recall),
+    }
 }
 
 /// The depths of `sample` in the views that see it, by formula.
@@ -61,7 +69,10 @@ fn visible_depths(scene: &SyntheticScene, sample: DVec3) -> Vec<f64> {
     let views = scene.scene().views().iter();
     let depths = views.filter_map(|view| {
         let in_cam = view.pose.to_cam(sample);
-        let pixel = view.camera.project(in_cam).filter(|&pixel| view.camera.contains(pixel))?;
+        let pixel = view
+            .camera
+            .project(in_cam)
+            .filter(|&pixel| view.camera.contains(pixel))?;
         let first = scene.depth_at(view, pixel)?;
         (first > in_cam.z * (1.0 - SAME_SURFACE)).then_some(in_cam.z)
     });
@@ -72,14 +83,22 @@ fn visible_depths(scene: &SyntheticScene, sample: DVec3) -> Vec<f64> {
 fn binomial(n: usize, k: usize, p: f64) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "numbers of views")]
     let ways = (0..k).fold(1.0, |ways, i| ways * (n - i) as f64 / (i + 1) as f64);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "few views")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        reason = "few views"
+    )]
     let (hits, misses) = (k as i32, (n - k) as i32);
     ways * p.powi(hits) * (1.0 - p).powi(misses)
 }
 
 /// The probability that a Gaussian of this sigma is within ± `tolerance`.
 fn within(tolerance: f64, sigma: f64) -> f64 {
-    if sigma > 0.0 { libm::erf(tolerance / (sigma * std::f64::consts::SQRT_2)) } else { 1.0 }
+    if sigma > 0.0 {
+        libm::erf(tolerance / (sigma * std::f64::consts::SQRT_2))
+    } else {
+        1.0
+    }
 }
 
 #[cfg(test)]

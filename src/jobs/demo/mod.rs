@@ -1,0 +1,165 @@
+//! `mvs-eval demo`: everything, on a scene that the program makes itself.
+
+mod inputs;
+mod predict;
+mod sheet;
+
+pub use predict::{Prediction, predict};
+
+use super::fuse::{self, FuseJob};
+use super::generate::{self, GenerateJob};
+use super::report::{self, ReportJob};
+use super::score::{self, ScoreJob};
+use super::{Context, OutDir};
+use crate::config::Size;
+use crate::error::Result;
+use crate::fuse::FuseOptions;
+use crate::generate::{Extra, GenerateOptions};
+use crate::provenance::Run;
+use inputs::Inputs;
+use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Options of `mvs-eval demo`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DemoJob {
+    /// The folder to write.
+    pub out: PathBuf,
+    /// Seed of everything drawn.
+    pub seed: u64,
+    /// Number of cameras.
+    pub views: u32,
+    /// Image size in pixels.
+    pub size: Size,
+    /// The distance in world units up to which a point is right; the scene is about 2 units wide.
+    pub tau: f64,
+}
+
+impl Default for DemoJob {
+    fn default() -> Self {
+        let size = Size {
+            width: 512,
+            height: 384,
+        };
+        Self {
+            out: PathBuf::from("demo-out"),
+            seed: 1,
+            views: 12,
+            size,
+            tau: 0.01,
+        }
+    }
+}
+
+/// What the demo made.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DemoOutcome {
+    /// The folder with everything.
+    pub out: PathBuf,
+    /// The data set's scene folder.
+    pub dataset: PathBuf,
+    /// Points of the fused cloud.
+    pub points: usize,
+    /// The tolerance in world units.
+    pub tolerance: f64,
+    /// Fraction of the cloud within the tolerance of the truth.
+    pub precision: f64,
+    /// Fraction of the truth within the tolerance of the cloud.
+    pub recall: f64,
+    /// Their harmonic mean.
+    pub f_score: f64,
+    /// What the noise model predicts for them.
+    pub predicted: Prediction,
+}
+
+/// Makes the scene, generates, fuses, scores and reports.
+pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
+    let out = OutDir::create_again(&job.out, Run::new("demo", job, &[])?, context.force)?;
+    // Everything below writes into this folder, which is ours to replace.
+    let context = &Context {
+        force: true,
+        ..*context
+    };
+    let scene = SyntheticScene::new(SyntheticOptions {
+        seed: job.seed,
+        views: job.views,
+        width: job.size.width,
+        height: job.size.height,
+    })?;
+    let noise = DepthNoise::default();
+    let truth = scene.sample_surface(0.5 * job.tau)?;
+    let inputs = inputs::write(&out, &scene, (&noise, &truth), context.progress)?;
+    let generated = generate::run(&generate_job(&out, &inputs), context)?;
+    let fuse_job = fuse_job(&out, &inputs, generated.folder.clone());
+    let fused = fuse::run(&fuse_job, context)?;
+    let scored = score::run(&score_job(&out, &inputs, job), context)?;
+    report::run(&report_job(&out), context)?;
+    sheet::write(&out, scene.scene(), &generated.folder, &inputs.depths)?;
+    let sample: Vec<_> = truth.positions().iter().step_by(16).copied().collect();
+    let predicted = predict(&scene, &noise, &fuse_job.fuse, (&sample, job.tau));
+    out.finish()?;
+    Ok(DemoOutcome {
+        out: job.out.clone(),
+        dataset: generated.folder,
+        points: fused.points,
+        tolerance: job.tau,
+        precision: scored.precision,
+        recall: scored.recall,
+        f_score: scored.f_score,
+        predicted,
+    })
+}
+
+fn generate_job(out: &OutDir, inputs: &Inputs) -> GenerateJob {
+    GenerateJob {
+        mesh: vec![inputs.mesh.clone()],
+        cameras: inputs.cameras.clone(),
+        photos: inputs.photos.clone(),
+        out: out.file("dataset"),
+        name: Some("demo".to_owned()),
+        options: GenerateOptions {
+            extras: [
+                Extra::InputImages,
+                Extra::RenderedImages,
+                Extra::Masks,
+                Extra::Normals,
+            ]
+            .into(),
+            ..GenerateOptions::default()
+        },
+        ..GenerateJob::default()
+    }
+}
+
+fn fuse_job(out: &OutDir, inputs: &Inputs, scene: PathBuf) -> FuseJob {
+    FuseJob {
+        scene,
+        depths: inputs.depths.clone(),
+        confidence: Some(inputs.confidence.clone()),
+        out: out.file("cloud.ply"),
+        fuse: FuseOptions::default(),
+        ..FuseJob::default()
+    }
+}
+
+fn score_job(out: &OutDir, inputs: &Inputs, job: &DemoJob) -> ScoreJob {
+    ScoreJob {
+        truth: Some(inputs.truth.clone()),
+        reconstruction: out.file("cloud.ply"),
+        tau: vec![job.tau],
+        out: out.file("score"),
+        name: Some("demo".to_owned()),
+        method: Some("noisy-depth".to_owned()),
+        voxel: Some(0.5 * job.tau),
+        ..ScoreJob::default()
+    }
+}
+
+fn report_job(out: &OutDir) -> ReportJob {
+    ReportJob {
+        records: vec![out.file("score/scores.csv")],
+        out: out.file("report"),
+    }
+}

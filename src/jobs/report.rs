@@ -1,0 +1,119 @@
+//! `mvs-eval report`: records → leaderboards.
+
+use super::{Context, OutDir};
+use crate::error::{Error, Result};
+use crate::provenance::Run;
+use crate::report::leaderboard::{self, Board};
+use crate::report::record::{self, Record};
+use crate::report::table::Table;
+use crate::report::{table_csv, table_md, table_tex};
+use mvs_datasets::layout::files;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// File names under which records are looked for in folders.
+const RECORD_FILES: [&str; 2] = ["results.csv", "scores.csv"];
+
+/// Options of `mvs-eval report`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReportJob {
+    /// Files of records, or folders that are searched for `scores.csv` and `results.csv`.
+    pub records: Vec<PathBuf>,
+    /// The folder to write.
+    pub out: PathBuf,
+}
+
+/// What was reported.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReportOutcome {
+    /// Files of records that were read.
+    pub files: Vec<PathBuf>,
+    /// Rows in them.
+    pub records: usize,
+    /// The leaderboards, in the site's style.
+    pub tables: Vec<Table>,
+}
+
+/// Joins the records and writes `results.csv` and the leaderboards.
+pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
+    let files = find_records(&job.records)?;
+    let mut records = Vec::new();
+    for path in &files {
+        records.extend(read_records(path)?);
+    }
+    if records.is_empty() {
+        let problem = "expected rows of records in the given files, found none";
+        return Err(Error::invalid("report", problem));
+    }
+    let boards = leaderboard::boards(&records)?;
+    let inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    let out = OutDir::create(&job.out, Run::new("report", job, &inputs)?, context.force)?;
+    out.write("results.csv", |file| record::write(file, &records))?;
+    let tables = write_tables(&out, &boards)?;
+    out.finish()?;
+    Ok(ReportOutcome {
+        records: records.len(),
+        files,
+        tables,
+    })
+}
+
+/// Writes the site's tables and the papers', each as CSV, Markdown and LaTeX; returns the site's.
+fn write_tables(out: &OutDir, boards: &[Board]) -> Result<Vec<Table>> {
+    let site = leaderboard::site_tables(boards);
+    let paper = leaderboard::paper_tables(boards);
+    for (name, tables) in [("leaderboard", &site), ("leaderboard_paper", &paper)] {
+        out.write(format!("{name}.csv"), |file| table_csv::write(file, tables))?;
+        out.write(format!("{name}.md"), |file| table_md::write(file, tables))?;
+        out.write(format!("{name}.tex"), |file| table_tex::write(file, tables))?;
+    }
+    Ok(site)
+}
+
+fn read_records(path: &Path) -> Result<Vec<Record>> {
+    Ok(files::read_with(path, |bytes| record::read(bytes))?)
+}
+
+/// The given files, and the files of records in the given folders, by name.
+fn find_records(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            let before = found.len();
+            search(path, &mut found)?;
+            if found.len() == before {
+                let problem = format!("expected {} in it, found none", RECORD_FILES.join(" or "));
+                return Err(Error::invalid(path.display().to_string(), problem));
+            }
+        } else {
+            found.push(path.clone());
+        }
+    }
+    if found.is_empty() {
+        let problem = "expected files of records or folders that hold them, found none";
+        return Err(Error::invalid("report", problem));
+    }
+    Ok(found)
+}
+
+fn search(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
+    let entries = std::fs::read_dir(folder).map_err(mvs_datasets::Error::io(folder, "read"))?;
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(
+            entry
+                .map_err(mvs_datasets::Error::io(folder, "read"))?
+                .path(),
+        );
+    }
+    paths.sort();
+    for path in paths {
+        if path.is_dir() && !path.is_symlink() {
+            search(&path, found)?;
+        } else if RECORD_FILES.iter().any(|name| path.ends_with(name)) {
+            found.push(path);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,187 @@
+//! The command line: exit codes, one sentence per error, nothing lost, replays.
+
+use crate::support::{mvs_eval, stderr, text};
+use std::fs;
+use std::path::Path;
+
+/// The run fails with exit code 2 and one line of error that says all of `parts`.
+fn assert_refused(arguments: &[&str], parts: &[&str]) {
+    let output = mvs_eval(arguments);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    let errors: Vec<&str> = said
+        .lines()
+        .filter(|line| line.starts_with("error: "))
+        .collect();
+    assert_eq!(errors.len(), 1, "{arguments:?}: {said}");
+    for part in parts {
+        assert!(
+            errors[0].contains(part),
+            "{arguments:?}: expected `{part}` in: {}",
+            errors[0]
+        );
+    }
+    assert!(!said.contains("panicked"), "{said}");
+}
+
+fn write(path: &Path, content: &str) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, content).unwrap();
+}
+
+const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 20\n0 40 15\n\
+                   0 0 1\n\n1 0.01 128 3\n";
+const TRIANGLE: &str = "v -1 -1 2\nv 1 -1 2\nv 0 1 2\nf 1 2 3\n";
+
+/// A folder with a triangle in front of one camera of 40 x 30 pixels.
+fn small_scene() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    write(&folder.path().join("mesh.obj"), TRIANGLE);
+    write(&folder.path().join("cams/00000000_cam.txt"), CAM);
+    folder
+}
+
+/// `render` of the small scene with its mesh and cams, and further arguments.
+fn render_arguments<'a>(mesh: &'a Path, cams: &'a Path, out: &'a Path) -> [&'a str; 7] {
+    [
+        "render",
+        "--mesh",
+        text(mesh),
+        "--cameras",
+        text(cams),
+        "--out",
+        text(out),
+    ]
+}
+
+#[test]
+fn help_and_version_answer_on_stdout_and_succeed() {
+    for arguments in [
+        &["--help"][..],
+        &["--version"],
+        &["help", "render"],
+        &["fuse", "--help"],
+    ] {
+        let output = mvs_eval(arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}");
+        assert!(
+            output.stdout.len() > 10 && output.stderr.is_empty(),
+            "{arguments:?}"
+        );
+    }
+    assert_eq!(mvs_eval(&["no-such-command"]).status.code(), Some(2));
+}
+
+#[test]
+fn missing_files_are_named() {
+    let scene = small_scene();
+    let (mesh, cams, out) = (
+        scene.path().join("mesh.obj"),
+        scene.path().join("cams"),
+        scene.path().join("out"),
+    );
+    let missing = scene.path().join("missing");
+    assert_refused(&render_arguments(&missing, &cams, &out), &["missing"]);
+    assert_refused(&render_arguments(&mesh, &missing, &out), &["missing"]);
+    assert_refused(
+        &["inspect", text(&missing.with_extension("ply"))],
+        &["missing.ply"],
+    );
+    assert!(
+        !out.join("run.toml").exists(),
+        "a refused run leaves no finished result"
+    );
+}
+
+#[test]
+fn singular_intrinsics_and_cameras_behind_the_mesh_are_named() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    write(
+        &path("flat/00000000_cam.txt"),
+        &CAM.replace("40 0 20", "0 0 20"),
+    );
+    let arguments = [path("mesh.obj"), path("flat"), path("out1")];
+    let error = ["00000000_cam.txt", "singular"];
+    assert_refused(
+        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
+        &error,
+    );
+    write(
+        &path("behind/00000000_cam.txt"),
+        &CAM.replace("0 0 1 0\n0 0 0 1", "0 0 1 -9\n0 0 0 1"),
+    );
+    let arguments = [path("mesh.obj"), path("behind"), path("out2")];
+    let error = ["views that see the mesh", "world-to-camera"];
+    assert_refused(
+        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
+        &error,
+    );
+}
+
+#[test]
+fn results_are_kept_and_replayed() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    let (mesh, cams, out) = (path("mesh.obj"), path("cams"), path("out"));
+    let output = mvs_eval(&render_arguments(&mesh, &cams, &out));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(answer["views"][0]["width"], 40);
+    let depth = fs::read(out.join("depth/00000000.pfm")).unwrap();
+
+    assert_refused(
+        &render_arguments(&mesh, &cams, &out),
+        &["already exists", "--force"],
+    );
+    assert_eq!(fs::read(out.join("depth/00000000.pfm")).unwrap(), depth);
+
+    let again = path("again");
+    let run = out.join("run.toml");
+    let output = mvs_eval(&["replay", text(&run), "--out", text(&again)]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("input-changed"));
+    for name in [
+        "depth/00000000.pfm",
+        "color/00000000.png",
+        "cams/00000000_cam.txt",
+    ] {
+        assert_eq!(
+            fs::read(again.join(name)).unwrap(),
+            fs::read(out.join(name)).unwrap(),
+            "{name}"
+        );
+    }
+
+    write(&mesh, &TRIANGLE.replace("0 1 2\nf", "0 2 2\nf"));
+    let output = mvs_eval(&["replay", text(&run), "--out", text(&path("third"))]);
+    assert!(
+        stderr(&output).contains("input-changed"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn flags_override_the_configuration_file() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    let (mesh, cams, out) = (path("mesh.obj"), path("cams"), path("out"));
+    write(
+        &path("options.toml"),
+        "size = \"44x33\"\nrender.samples = 4\n",
+    );
+    let config = path("options.toml");
+    let mut arguments = render_arguments(&mesh, &cams, &out).to_vec();
+    arguments.extend(["--config", text(&config), "--samples", "1"]);
+    let output = mvs_eval(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let run = fs::read_to_string(out.join("run.toml")).unwrap();
+    assert!(
+        run.contains("44x33") && run.contains("samples = 1"),
+        "{run}"
+    );
+
+    write(&config, "smaples = 1\n");
+    assert_refused(&arguments, &["unknown field", "smaples"]);
+}

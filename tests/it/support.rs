@@ -1,0 +1,36 @@
+//! What several tests share.
+
+use assert_cmd::Command;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+/// The folder with real data, or `None` with a line on stderr that says what is skipped.
+pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
+    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
+    let root = std::env::var_os("MVS_EVAL_DATA").map_or_else(beside, PathBuf::from);
+    let path = root.join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("skipped: {name} is not there; MVS_EVAL_DATA can name the folder that has it");
+    None
+}
+
+/// Runs `mvs-eval` with these arguments.
+pub(crate) fn mvs_eval(arguments: &[&str]) -> Output {
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("mvs-eval"));
+    command
+        .args(arguments)
+        .output()
+        .expect("mvs-eval can be started")
+}
+
+/// A path as an argument.
+pub(crate) fn text(path: &Path) -> &str {
+    path.to_str().expect("test paths are UTF-8")
+}
+
+/// What was said on stderr.
+pub(crate) fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
