@@ -1,5 +1,6 @@
-//! Nearest distances between point sets: the crate's only user of kiddo.
+//! Nearest points by kiddo's tree: the crate's only user of kiddo.
 
+use super::{check_points, squared_distance};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -18,7 +19,7 @@ impl std::fmt::Debug for NearestIndex {
 }
 
 impl NearestIndex {
-    /// An index over `points`: at least one, all finite, at most 2³² − 1. Equal points are fine.
+    /// An index over `points`: at least one, all finite, at most 2³² − 2. Equal points are fine.
     pub fn new(points: &[DVec3]) -> Result<Self> {
         check_points(points)?;
         let rows: Vec<[f64; 3]> = points.iter().map(|point| point.to_array()).collect();
@@ -63,34 +64,6 @@ impl NearestIndex {
             .map(|&query| self.nearest(query).1)
             .collect()
     }
-}
-
-/// dx² + dy² + dz², rounded after each operation in this order: every search here ends in this.
-pub(crate) fn squared_distance(a: DVec3, b: DVec3) -> f64 {
-    let (dx, dy, dz) = (a.x - b.x, a.y - b.y, a.z - b.z);
-    dx * dx + dy * dy + dz * dz
-}
-
-/// That there is at least one point, no more than indices reach, and all are finite.
-fn check_points(points: &[DVec3]) -> Result<()> {
-    let what = "nearest-point index";
-    if points.is_empty() {
-        return Err(Error::invalid(
-            what,
-            "expected at least one point, found none",
-        ));
-    }
-    if u32::try_from(points.len()).is_err() {
-        let problem = format!("expected at most 4294967295 points, found {}", points.len());
-        return Err(Error::invalid(what, problem));
-    }
-    if let Some(index) = points.iter().position(|point| !point.is_finite()) {
-        let point = points[index];
-        let problem =
-            format!("expected finite points, found {point} at {index}: drop such points first");
-        return Err(Error::invalid(what, problem));
-    }
-    Ok(())
 }
 
 #[cfg(test)]

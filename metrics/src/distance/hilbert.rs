@@ -1,0 +1,358 @@
+//! Order along a Hilbert curve: neighbours in the order are neighbours in space.
+
+use super::blocks::LANES;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Bits per axis of one pass.
+const BITS: u32 = 8;
+/// Cells per axis of one pass.
+const CELLS: f64 = (1 << BITS) as f64;
+/// Points that neighbour each other on the curve and are split as a tree: 64 blocks.
+pub(super) const CHUNK: usize = 1024;
+/// Points in one cell that need no order among themselves.
+const RUN: usize = 16;
+/// Points looked at to see where most of them are.
+const SAMPLE: usize = 4096;
+/// Keys that one thread makes at a time.
+const KEYS: usize = 1 << 14;
+
+/// The indices of `points`, all finite, in Hilbert order of `frame`; at most 2³² − 1 points.
+///
+/// The frame's cube is cut into 256³ cells; what lies outside counts to the nearest cell. A cell
+/// that holds many points is cut again by the cube around its own, and so on: an outlier, however
+/// far, leaves the order of the others as fine. Points in the same place stay in input order.
+pub(super) fn order(points: &[DVec3], frame: &Frame) -> Vec<u32> {
+    let mut entries: Vec<u64> = (0..points.len() as u64).collect();
+    sort(points, &mut entries, frame, &mut Vec::new());
+    entries.into_iter().map(|entry| entry as u32).collect()
+}
+
+/// A point and its index.
+#[derive(Clone, Copy)]
+pub(super) struct Placed {
+    pub(super) at: DVec3,
+    pub(super) index: u32,
+}
+
+/// Halves the points across their longest extent, again and again, down to whole blocks: boxes of a
+/// tree are tighter than those of stretches of the curve.
+pub(super) fn split(points: &mut [Placed]) {
+    let blocks = points.len().div_ceil(LANES);
+    if blocks < 2 {
+        return;
+    }
+    let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let bounds = points
+        .iter()
+        .fold(nowhere, |(min, max), p| (min.min(p.at), max.max(p.at)));
+    let extent = bounds.1 * 0.5 - bounds.0 * 0.5;
+    if extent.max_element() == 0.0 {
+        return;
+    }
+    let axis = extent.max_position();
+    let middle = blocks.div_ceil(2).next_power_of_two().min(blocks - 1) * LANES;
+    points.select_nth_unstable_by(middle, |a, b| a.at[axis].total_cmp(&b.at[axis]));
+    let (lower, upper) = points.split_at_mut(middle);
+    split(lower);
+    split(upper);
+}
+
+/// Sorts entries, whose low halves are indices of points, by the keys of their points.
+fn sort(points: &[DVec3], entries: &mut [u64], frame: &Frame, spare: &mut Vec<u64>) {
+    entries.par_chunks_mut(KEYS).for_each(|chunk| {
+        for entry in chunk {
+            let index = *entry & u64::from(u32::MAX);
+            *entry = u64::from(frame.key(points[index as usize])) << 32 | index;
+        }
+    });
+    if entries.len() > 4096 {
+        radix_sort(entries, spare);
+    } else {
+        entries.sort_unstable();
+    }
+    for run in entries.chunk_by_mut(|a, b| a >> 32 == b >> 32) {
+        if run.len() > RUN {
+            let inner = run.iter().map(|&entry| points[entry as u32 as usize]);
+            if let Some(frame) = Frame::around(inner) {
+                sort(points, run, &frame, spare);
+            }
+        }
+    }
+}
+
+/// A cube whose cells are numbered along the curve.
+#[derive(Debug, Clone)]
+pub(super) struct Frame {
+    min: DVec3,
+    cells_per_unit: f64,
+}
+
+impl Frame {
+    /// The cube in which `points`, all finite, are put in order first: the one around all of them,
+    /// or where a few lie far off the one around the others.
+    pub(super) fn of(points: &[DVec3]) -> Self {
+        let nowhere = Self {
+            min: DVec3::ZERO,
+            cells_per_unit: 0.0,
+        };
+        let Some(all) = Self::around(points.iter().copied()) else {
+            return nowhere;
+        };
+        let step = points.len().div_ceil(SAMPLE).max(1);
+        let sample = points.iter().copied().step_by(step);
+        let axis = |k: usize| {
+            let mut along: Vec<f64> = sample.clone().map(|point| point[k]).collect();
+            along.sort_unstable_by(f64::total_cmp);
+            let skipped = along.len() / 64;
+            (along[skipped], along[along.len() - 1 - skipped])
+        };
+        let (x, y, z) = (axis(0), axis(1), axis(2));
+        let corners = [DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1)];
+        match Self::around(corners.into_iter()) {
+            Some(most) if most.cells_per_unit > 4.0 * all.cells_per_unit => most.widened(),
+            _ => all,
+        }
+    }
+
+    /// The cube around the points; `None` where all of them are in one place, or so near to it that
+    /// no cell is small enough.
+    fn around(points: impl Iterator<Item = DVec3>) -> Option<Self> {
+        let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (min, max) = points.fold(nowhere, |(min, max), p| (min.min(p), max.max(p)));
+        // Halved first: the difference of finite numbers may be infinite.
+        let half_extent = (max * 0.5 - min * 0.5).max_element();
+        let cells_per_unit = 0.5 * CELLS / half_extent;
+        (half_extent > 0.0 && cells_per_unit.is_finite()).then_some(Self {
+            min,
+            cells_per_unit,
+        })
+    }
+
+    /// The same cube, half as wide again.
+    fn widened(self) -> Self {
+        let quarter = 0.25 * CELLS / self.cells_per_unit;
+        Self {
+            min: self.min - quarter,
+            cells_per_unit: self.cells_per_unit / 1.5,
+        }
+    }
+
+    /// The number of the cell of a finite point.
+    pub(super) fn key(&self, point: DVec3) -> u32 {
+        // Multiplied first, as the difference may be infinite. The cast takes what is below the
+        // cube, and NaN, to 0.
+        let cell = |p: f64, min: f64| {
+            let along = p * self.cells_per_unit - min * self.cells_per_unit;
+            (along as u32).min((1 << BITS) - 1)
+        };
+        hilbert(
+            cell(point.x, self.min.x),
+            cell(point.y, self.min.y),
+            cell(point.z, self.min.z),
+        )
+    }
+}
+
+/// Least significant digits first, the two digits of twelve bits of a key, stable.
+fn radix_sort(entries: &mut [u64], spare: &mut Vec<u64>) {
+    const DIGIT: u32 = 3 * BITS / 2;
+    const DIGITS: usize = 1 << DIGIT;
+    spare.clear();
+    spare.resize(entries.len(), 0);
+    let low = |entry: u64| (entry >> 32) as usize % DIGITS;
+    let high = |entry: u64| (entry >> (32 + DIGIT)) as usize % DIGITS;
+    let mut counts = vec![[0u32; 2]; DIGITS];
+    for &entry in entries.iter() {
+        counts[low(entry)][0] += 1;
+        counts[high(entry)][1] += 1;
+    }
+    let mut starts = [0; 2];
+    for counts in &mut counts {
+        for (start, count) in starts.iter_mut().zip(counts) {
+            *start += std::mem::replace(count, *start);
+        }
+    }
+    for &entry in entries.iter() {
+        let slot = &mut counts[low(entry)][0];
+        spare[*slot as usize] = entry;
+        *slot += 1;
+    }
+    for &entry in spare.iter() {
+        let slot = &mut counts[high(entry)][1];
+        entries[*slot as usize] = entry;
+        *slot += 1;
+    }
+}
+
+/// Per state and octant of two levels: the digits of the curve in the low six bits, the next state
+/// above. A state is the corner at which the curve enters a cube (three bits) and the axis along
+/// which it leaves (two bits).
+static STEPS: [[u16; 64]; 32] = two_levels();
+
+/// The position of a cell along the curve (Hamilton and Rau-Chaplin, Compact Hilbert indices, 2007).
+fn hilbert(x: u32, y: u32, z: u32) -> u32 {
+    let (mut state, mut key) = (0usize, 0u32);
+    for level in (0..BITS / 2).rev() {
+        let shift = 2 * level;
+        let two = |v: u32| (v >> shift & 3) as usize;
+        let octants = SPREAD[two(x)] | SPREAD[two(y)] << 1 | SPREAD[two(z)] << 2;
+        let step = STEPS[state][octants];
+        key = key << 6 | u32::from(step & 63);
+        state = usize::from(step >> 6);
+    }
+    key
+}
+
+/// Two bits moved to places 0 and 3.
+const SPREAD: [usize; 4] = [0, 1, 8, 9];
+
+const fn two_levels() -> [[u16; 64]; 32] {
+    let mut table = [[0; 64]; 32];
+    let mut state = 0;
+    while state < 32 {
+        let mut octants = 0;
+        while octants < 64 && state & 3 < 3 {
+            let (high, middle) = one_level(state as u16, octants as u16 >> 3);
+            let (low, last) = one_level(middle, octants as u16 & 7);
+            table[state][octants] = last << 6 | high << 3 | low;
+            octants += 1;
+        }
+        state += 1;
+    }
+    table
+}
+
+/// The digit of an octant in a state, and the state within that octant.
+const fn one_level(state: u16, octant: u16) -> (u16, u16) {
+    let (entry, axis) = (state >> 2, state & 3);
+    let turned = rotate_right(octant ^ entry, axis + 1);
+    let digit = gray_inverse(turned);
+    let inner_entry = entry ^ rotate_left(entry_point(digit), axis + 1);
+    let inner_axis = (axis + inner_direction(digit) + 1) % 3;
+    (digit, inner_entry << 2 | inner_axis)
+}
+
+const fn rotate_right(bits: u16, by: u16) -> u16 {
+    let by = by % 3;
+    (bits >> by | bits << (3 - by)) & 7
+}
+
+const fn rotate_left(bits: u16, by: u16) -> u16 {
+    rotate_right(bits, 3 - by % 3)
+}
+
+const fn gray(digit: u16) -> u16 {
+    digit ^ digit >> 1
+}
+
+const fn gray_inverse(bits: u16) -> u16 {
+    bits ^ bits >> 1 ^ bits >> 2
+}
+
+/// The corner at which the curve enters the sub-cube of a digit.
+const fn entry_point(digit: u16) -> u16 {
+    if digit == 0 {
+        0
+    } else {
+        gray((digit - 1) & !1)
+    }
+}
+
+/// The axis along which the curve crosses the sub-cube of a digit.
+const fn inner_direction(digit: u16) -> u16 {
+    if digit == 0 {
+        0
+    } else if digit & 1 == 0 {
+        (digit - 1).trailing_ones() as u16 % 3
+    } else {
+        digit.trailing_ones() as u16 % 3
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::align::tests::scattered;
+
+    fn order(points: &[DVec3]) -> Vec<u32> {
+        super::order(points, &Frame::of(points))
+    }
+
+    #[test]
+    fn the_curve_visits_every_cell_once_by_steps_of_one() {
+        // The first 64 cells along each axis: one whole sub-cube of the curve.
+        let mut cells = vec![None; 64 * 64 * 64];
+        for x in 0..64 {
+            for y in 0..64 {
+                for z in 0..64 {
+                    let key = hilbert(x, y, z) as usize;
+                    assert_eq!(cells[key].replace([x, y, z]), None);
+                }
+            }
+        }
+        let cells: Vec<[u32; 3]> = cells.into_iter().map(Option::unwrap).collect();
+        for pair in cells.windows(2) {
+            let step: u32 = (0..3).map(|k| pair[0][k].abs_diff(pair[1][k])).sum();
+            assert_eq!(step, 1, "{pair:?}");
+        }
+    }
+
+    fn path_length(points: &[DVec3], order: &[u32]) -> f64 {
+        let at = |index: u32| points[index as usize];
+        order.windows(2).map(|w| at(w[0]).distance(at(w[1]))).sum()
+    }
+
+    #[test]
+    fn every_index_appears_once_and_the_path_is_short() {
+        let points = scattered(20, 20_000);
+        let order = order(&points);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert!(
+            sorted
+                .iter()
+                .enumerate()
+                .all(|(i, &index)| i == index as usize)
+        );
+        // Neighbours of 20 000 points in a cube of 2³ are about 0.07 apart; strangers about 1.3.
+        assert!(path_length(&points, &order) < 0.1 * 20_000.0);
+    }
+
+    #[test]
+    fn an_outlier_changes_little() {
+        let mut points = scattered(21, 20_000);
+        let before = path_length(&points, &order(&points));
+        points.push(DVec3::splat(1e9));
+        points.push(DVec3::new(-1e300, 1e300, 0.0));
+        let order = order(&points);
+        let near: Vec<u32> = order.into_iter().filter(|&index| index < 20_000).collect();
+        assert!(path_length(&points, &near) < 1.2 * before);
+    }
+
+    #[test]
+    fn equal_points_stay_in_input_order() {
+        let points = vec![DVec3::splat(0.1); 10_000];
+        assert!(order(&points).windows(2).all(|pair| pair[0] < pair[1]));
+        let two: Vec<DVec3> = (0..3000).map(|i| DVec3::X * f64::from(i % 2)).collect();
+        let sorted = order(&two);
+        assert!(sorted[..1500].windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(sorted[..1500].iter().all(|index| index % 2 == 0));
+    }
+
+    #[test]
+    fn the_ends_of_the_number_range_are_ordered() {
+        for scale in [1e-308, 1e-320, 1e300, f64::MAX / 2.0] {
+            let points: Vec<DVec3> = scattered(22, 2000).iter().map(|p| *p * scale).collect();
+            let mut sorted = order(&points);
+            sorted.sort_unstable();
+            assert!(
+                sorted
+                    .iter()
+                    .enumerate()
+                    .all(|(i, &index)| i == index as usize)
+            );
+        }
+        assert_eq!(order(&[]), []);
+    }
+}
