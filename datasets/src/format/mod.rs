@@ -5,6 +5,7 @@
 //! multiple of the bytes that are really there.
 
 pub mod cam;
+pub mod colmap;
 pub mod crop;
 pub mod image;
 pub mod log;
@@ -17,3 +18,4 @@ pub mod ply;
 mod polygon;
 mod text;
 pub mod transform;
+pub mod transforms;

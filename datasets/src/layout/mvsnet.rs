@@ -61,19 +61,31 @@ pub fn read_scene(folder: &Path, options: &CamsOptions) -> Result<Scene> {
     with_pairs(scene, entries).map_err(Error::in_file(&pairs))
 }
 
+/// Whether `folder`, or its `cams/`, holds any `<id>_cam.txt`.
+pub fn has_cams(folder: &Path) -> Result<bool> {
+    Ok(first_cams(folder)?.is_some())
+}
+
 /// The folder that holds cams, and its cams by view id.
 fn find_cams(folder: &Path) -> Result<(PathBuf, BTreeMap<u32, PathBuf>)> {
+    first_cams(folder)?.ok_or_else(|| {
+        let problem = "expected camera files like 00000000_cam.txt here or in cams/, found none";
+        Error::layout(folder, problem)
+    })
+}
+
+/// `folder` or its `cams/`, whichever has cams first.
+fn first_cams(folder: &Path) -> Result<Option<(PathBuf, BTreeMap<u32, PathBuf>)>> {
     for candidate in [folder.to_path_buf(), folder.join("cams")] {
         if candidate != folder && !candidate.is_dir() {
             continue;
         }
         let cams = list_cams(&candidate)?;
         if !cams.is_empty() {
-            return Ok((candidate, cams));
+            return Ok(Some((candidate, cams)));
         }
     }
-    let problem = "expected camera files like 00000000_cam.txt here or in cams/, found none";
-    Err(Error::layout(folder, problem))
+    Ok(None)
 }
 
 fn list_cams(folder: &Path) -> Result<BTreeMap<u32, PathBuf>> {

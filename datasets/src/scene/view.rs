@@ -39,7 +39,7 @@ impl DepthRange {
 pub struct View {
     /// The view's number in its scene, as in its file names.
     pub id: u32,
-    /// The image's name without folder; empty when unknown.
+    /// The image's file relative to the folder of images; empty when unknown.
     pub name: String,
     /// Image size and intrinsics.
     pub camera: Camera,

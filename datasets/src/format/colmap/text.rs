@@ -1,0 +1,164 @@
+//! `cameras.txt`, `images.txt` and `points3D.txt`.
+
+use super::{ColmapCamera, ColmapImage, ColmapPoint, MODELS};
+use crate::error::FormatError;
+use crate::format::text::shown;
+use glam::DVec3;
+
+/// The fields of one line, taken one after another.
+struct Fields<'a> {
+    words: std::str::SplitWhitespace<'a>,
+    line: usize,
+}
+
+impl<'a> Fields<'a> {
+    fn new(index: usize, text: &'a str) -> Self {
+        Self {
+            words: text.split_whitespace(),
+            line: index + 1,
+        }
+    }
+
+    fn wrong(&self, expected: &str, found: &str) -> FormatError {
+        let problem = format!("expected {expected}, found {found}");
+        FormatError::new(format!("line {}", self.line), problem)
+    }
+
+    fn word(&mut self, expected: &str) -> Result<&'a str, FormatError> {
+        let word = self.words.next();
+        word.ok_or_else(|| self.wrong(expected, "the line's end"))
+    }
+
+    fn whole<T: std::str::FromStr>(&mut self, expected: &str) -> Result<T, FormatError> {
+        let word = self.word(expected)?;
+        word.parse()
+            .map_err(|_| self.wrong(expected, &format!("`{}`", shown(word))))
+    }
+
+    fn number(&mut self, expected: &str) -> Result<f64, FormatError> {
+        let word = self.word(expected)?;
+        match word.parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(self.wrong(expected, &format!("`{}`", shown(word)))),
+        }
+    }
+
+    fn numbers<const N: usize>(&mut self, expected: &str) -> Result<[f64; N], FormatError> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            *number = self.number(expected)?;
+        }
+        Ok(numbers)
+    }
+}
+
+/// Whether a line holds data.
+fn is_data(line: &str) -> bool {
+    !line.trim().is_empty() && !line.trim_start().starts_with('#')
+}
+
+/// Reads `cameras.txt`.
+pub fn read_cameras(text: &str) -> Result<Vec<ColmapCamera>, FormatError> {
+    let lines = text.lines().enumerate().filter(|(_, line)| is_data(line));
+    lines
+        .map(|(index, line)| read_camera(Fields::new(index, line)))
+        .collect()
+}
+
+fn read_camera(mut fields: Fields<'_>) -> Result<ColmapCamera, FormatError> {
+    let id = fields.whole("a camera id")?;
+    let name = fields.word("a camera model")?;
+    let Some(&(model, _, count)) = MODELS.iter().find(|(model, ..)| *model == name) else {
+        return Err(fields.wrong(
+            "a camera model that COLMAP has",
+            &format!("`{}`", shown(name)),
+        ));
+    };
+    let width = fields.whole("an image width")?;
+    let height = fields.whole("an image height")?;
+    let expected = format!("{count} parameters of the model {model}");
+    let params = (0..count)
+        .map(|_| fields.number(&expected))
+        .collect::<Result<Vec<_>, _>>()?;
+    if let Some(word) = fields.words.next() {
+        return Err(fields.wrong(
+            &format!("only {expected}"),
+            &format!("`{}` too", shown(word)),
+        ));
+    }
+    Ok(ColmapCamera {
+        id,
+        model,
+        width,
+        height,
+        params,
+    })
+}
+
+/// Reads `images.txt`: two lines per image, the second of which may be empty.
+pub fn read_images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
+    let mut images = Vec::new();
+    let mut lines = text.lines().enumerate();
+    while let Some((index, line)) = lines.next() {
+        if !is_data(line) {
+            continue;
+        }
+        let mut image = read_image(Fields::new(index, line))?;
+        if let Some((index, line)) = lines.next() {
+            image.points = read_observations(Fields::new(index, line))?;
+        }
+        images.push(image);
+    }
+    Ok(images)
+}
+
+fn read_image(mut fields: Fields<'_>) -> Result<ColmapImage, FormatError> {
+    let id = fields.whole("an image id")?;
+    let rotation = fields.numbers::<4>("a quaternion QW QX QY QZ")?;
+    let translation = fields.numbers::<3>("a translation TX TY TZ")?;
+    let camera = fields.whole("a camera id")?;
+    let name: Vec<&str> = fields.words.by_ref().collect();
+    if name.is_empty() {
+        return Err(fields.wrong("an image name", "the line's end"));
+    }
+    Ok(ColmapImage {
+        id,
+        rotation,
+        translation: DVec3::from_array(translation),
+        camera,
+        name: name.join(" "),
+        points: Vec::new(),
+    })
+}
+
+/// The points that an image sees; −1 marks a feature without one.
+fn read_observations(mut fields: Fields<'_>) -> Result<Vec<u64>, FormatError> {
+    let mut points = Vec::new();
+    while let Some(_x) = fields.words.next() {
+        fields.number("Y of a feature X Y POINT3D_ID")?;
+        let id: i64 = fields.whole("POINT3D_ID of a feature X Y POINT3D_ID")?;
+        points.extend(u64::try_from(id));
+    }
+    Ok(points)
+}
+
+/// Reads `points3D.txt`.
+pub fn read_points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
+    let lines = text.lines().enumerate().filter(|(_, line)| is_data(line));
+    lines
+        .map(|(index, line)| {
+            let mut fields = Fields::new(index, line);
+            let id = fields.whole("a point id")?;
+            let position = fields.numbers::<3>("a position X Y Z")?;
+            let mut color = [0; 3];
+            for channel in &mut color {
+                *channel = fields.whole("a color R G B")?;
+            }
+            Ok(ColmapPoint {
+                id,
+                position: DVec3::from_array(position),
+                color,
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,370 @@
+//! Cameras as people have them: recognised by what lies there, brought to one convention.
+
+use super::files;
+use super::mvsnet::{self, CamsOptions, PixelCentre};
+use super::tnt;
+use crate::error::{Error, FormatError, Result};
+use crate::format::colmap::{self, ColmapCamera, ColmapImage, ColmapPoint};
+use crate::format::transforms::{self, Frame};
+use crate::scene::{Camera, DepthRange, Pose, Scene, View};
+use glam::{DMat3, DMat4, DVec2, DVec3};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Where under a folder a COLMAP model may lie, first come first served.
+const COLMAP_PLACES: [&str; 5] = ["", "sparse/0", "sparse", "colmap", "colmap/sparse/0"];
+
+/// What the files may leave open.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct CamerasOptions {
+    /// Where the files put the centre of the top-left pixel.
+    pub pixel_centre: PixelCentre,
+    /// Image size (width, height) where the files have none.
+    pub size: Option<(u32, u32)>,
+    /// Focal lengths in pixels where the files have none.
+    pub focal: Option<DVec2>,
+    /// Principal point in pixels, in the files' convention, where they have none; without it the
+    /// image's centre is taken.
+    pub center: Option<DVec2>,
+}
+
+/// A kind of camera files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CameraSource {
+    /// A folder of `cam.txt`, as MVSNet and BlendedMVS have it.
+    Cams,
+    /// A COLMAP model, binary or text.
+    Colmap,
+    /// NeRF's or nerfstudio's `transforms.json`.
+    Transforms,
+    /// A Tanks and Temples `.log`.
+    Log,
+}
+
+/// Cameras, and how they were understood.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReadCameras {
+    /// The cameras.
+    pub scene: Scene,
+    /// What was found.
+    pub source: CameraSource,
+    /// The folder or file in which it was found.
+    pub path: PathBuf,
+    /// Sentences for the user: what was left out or could be meant otherwise.
+    pub notes: Vec<String>,
+}
+
+/// Reads the cameras at `path`: a folder with `*_cam.txt` (or with `cams/`), a folder with a COLMAP
+/// model (or with `sparse/0`, `sparse` or `colmap`), a folder with `transforms.json`, any `.json` in
+/// that format, or a `.log`. Where a folder has several, the first in this order is taken and a note
+/// says so.
+///
+/// View ids of COLMAP models and `transforms.json` are the numbers that are the images' names
+/// (`00000012.jpg`), else, where a name is no number, places in name order.
+pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> {
+    let mut found = candidates(path)?;
+    if found.is_empty() {
+        let problem = "expected cameras: *_cam.txt files (here or in cams/), a COLMAP model \
+             (cameras, images as .bin or .txt; here, in sparse/0, sparse or colmap), \
+             transforms.json or a .log file, found none of them";
+        return Err(Error::layout(path, problem));
+    }
+    let (source, path) = found.remove(0);
+    let (scene, mut notes) = match source {
+        CameraSource::Cams => (read_cams(&path, options)?, Vec::new()),
+        CameraSource::Colmap => (read_colmap(&path, options)?, Vec::new()),
+        CameraSource::Transforms => (read_transforms(&path, options)?, Vec::new()),
+        CameraSource::Log => read_log(&path, options)?,
+    };
+    for (other, place) in found {
+        notes.push(format!(
+            "took {source:?}; {} holds {other:?} too",
+            place.display()
+        ));
+    }
+    Ok(ReadCameras {
+        scene,
+        source,
+        path,
+        notes,
+    })
+}
+
+/// Everything at `path` that looks like cameras, in order of preference.
+fn candidates(path: &Path) -> Result<Vec<(CameraSource, PathBuf)>> {
+    if !path.exists() {
+        return Err(Error::layout(
+            path,
+            "expected camera files, found nothing there",
+        ));
+    }
+    if path.is_file() {
+        let kind = match path.extension().and_then(|ending| ending.to_str()) {
+            Some("json") => Some(CameraSource::Transforms),
+            Some("log") => Some(CameraSource::Log),
+            _ => None,
+        };
+        return Ok(kind
+            .map(|kind| (kind, path.to_path_buf()))
+            .into_iter()
+            .collect());
+    }
+    let mut found = Vec::new();
+    if mvsnet::has_cams(path)? {
+        found.push((CameraSource::Cams, path.to_path_buf()));
+    }
+    let mut places = COLMAP_PLACES.iter().map(|place| path.join(place));
+    if let Some(place) = places.find(|place| colmap_ending(place).is_some()) {
+        found.push((CameraSource::Colmap, place));
+    }
+    let transforms = path.join("transforms.json");
+    if transforms.is_file() {
+        found.push((CameraSource::Transforms, transforms));
+    }
+    Ok(found)
+}
+
+fn read_cams(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
+    let options = CamsOptions {
+        pixel_centre: options.pixel_centre,
+        size: options.size,
+    };
+    mvsnet::read_scene(folder, &options)
+}
+
+/// `bin` or `txt`, if the folder has a model of that kind.
+fn colmap_ending(folder: &Path) -> Option<&'static str> {
+    let has = |name: &str, ending: &str| folder.join(format!("{name}.{ending}")).is_file();
+    ["bin", "txt"]
+        .into_iter()
+        .find(|ending| has("cameras", ending) && has("images", ending))
+}
+
+fn read_colmap(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
+    let binary = colmap_ending(folder) == Some("bin");
+    let file = |name: &str| folder.join(format!("{name}.{}", if binary { "bin" } else { "txt" }));
+    let (cameras_path, images_path, points_path) =
+        (file("cameras"), file("images"), file("points3D"));
+    let cameras = match binary {
+        true => files::read_with(&cameras_path, colmap::read_cameras_binary)?,
+        false => files::read_text_with(&cameras_path, colmap::read_cameras_text)?,
+    };
+    let images = match binary {
+        true => files::read_with(&images_path, colmap::read_images_binary)?,
+        false => files::read_text_with(&images_path, colmap::read_images_text)?,
+    };
+    let points = match (points_path.is_file(), binary) {
+        (false, _) => Vec::new(),
+        (true, true) => files::read_with(&points_path, colmap::read_points_binary)?,
+        (true, false) => files::read_text_with(&points_path, colmap::read_points_text)?,
+    };
+    let cameras = cameras_by_id(&cameras, options).map_err(Error::in_file(&cameras_path))?;
+    let views = colmap_views(&cameras, images, &points).map_err(Error::in_file(&images_path))?;
+    Scene::new(views).map_err(|error| Error::layout(&images_path, error.to_string()))
+}
+
+fn cameras_by_id(
+    cameras: &[ColmapCamera],
+    options: &CamerasOptions,
+) -> Result<BTreeMap<u32, Camera>, FormatError> {
+    let mut by_id = BTreeMap::new();
+    for camera in cameras {
+        let place = || format!("camera {}", camera.id);
+        let read = camera
+            .to_camera()
+            .and_then(|camera| shifted(&camera, options.pixel_centre))
+            .map_err(FormatError::at(place()))?;
+        if by_id.insert(camera.id, read).is_some() {
+            let problem = "expected distinct camera ids, found this one twice";
+            return Err(FormatError::new(place(), problem));
+        }
+    }
+    Ok(by_id)
+}
+
+/// A camera of the files' convention in this crate's.
+fn shifted(camera: &Camera, pixel_centre: PixelCentre) -> Result<Camera> {
+    let center = camera.center() + pixel_centre.offset();
+    Camera::new(camera.width(), camera.height(), camera.focal(), center)?
+        .with_distortion(camera.distortion())
+}
+
+fn colmap_views(
+    cameras: &BTreeMap<u32, Camera>,
+    images: Vec<ColmapImage>,
+    points: &[ColmapPoint],
+) -> Result<Vec<View>, FormatError> {
+    if images.is_empty() {
+        return Err(FormatError::new(
+            "images",
+            "expected at least one image, found none",
+        ));
+    }
+    let names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
+    let ids = number_names(&names);
+    let positions: BTreeMap<u64, DVec3> = points.iter().map(|p| (p.id, p.position)).collect();
+    let views = images.into_iter().zip(ids).map(|(image, id)| {
+        let place = format!("image {} ({})", image.id, image.name);
+        let Some(&camera) = cameras.get(&image.camera) else {
+            let problem = format!(
+                "expected a camera of the model, found camera {}",
+                image.camera
+            );
+            return Err(FormatError::new(place, problem));
+        };
+        let pose = image.to_pose().map_err(FormatError::at(place))?;
+        let seen = image.points.iter().filter_map(|id| positions.get(id));
+        let depth_range = range_of(seen.map(|&point| pose.to_cam(point).z));
+        Ok(View {
+            id,
+            name: image.name,
+            camera,
+            pose,
+            depth_range,
+        })
+    });
+    views.collect()
+}
+
+/// The 1 % and 99 % places of the sorted depths, as BlendedMVS takes them from a view's own points.
+fn range_of(depths: impl Iterator<Item = f64>) -> Option<DepthRange> {
+    let mut depths: Vec<f64> = depths.filter(|&depth| depth > 0.0).collect();
+    depths.sort_by(f64::total_cmp);
+    let at = |part: f64| depths.get((part * depths.len() as f64) as usize).copied();
+    DepthRange::new(at(0.01)?, at(0.99)?).ok()
+}
+
+/// The numbers that the names are, else the names' places in name order.
+fn number_names(names: &[&str]) -> Vec<u32> {
+    let numbers: Option<Vec<u32>> = names.iter().map(|name| number_of(name)).collect();
+    if let Some(numbers) = numbers
+        && numbers.iter().collect::<BTreeSet<_>>().len() == names.len()
+    {
+        return numbers;
+    }
+    let mut order: Vec<usize> = (0..names.len()).collect();
+    order.sort_by_key(|&index| names[index]);
+    let mut ids = vec![0; names.len()];
+    for (place, index) in (0u32..).zip(order) {
+        ids[index] = place;
+    }
+    ids
+}
+
+/// 12 for `folder/00000012.jpg`.
+fn number_of(name: &str) -> Option<u32> {
+    let file = name.rsplit(['/', '\\']).next()?;
+    let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
+    let digits = !stem.is_empty() && stem.bytes().all(|byte| byte.is_ascii_digit());
+    digits.then(|| stem.parse().ok())?
+}
+
+fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<Scene> {
+    let frames = files::read_text_with(path, transforms::read)?;
+    let names: Vec<&str> = frames.iter().map(|frame| frame.file.as_str()).collect();
+    let ids = number_names(&names);
+    let views = frames
+        .iter()
+        .zip(ids)
+        .map(|(frame, id)| {
+            let place = format!("frame {}", frame.file);
+            frame_view(frame, id, options).map_err(FormatError::at(place))
+        })
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(Error::in_file(path))?;
+    Scene::new(views).map_err(|error| Error::layout(path, error.to_string()))
+}
+
+fn frame_view(frame: &Frame, id: u32, options: &CamerasOptions) -> Result<View> {
+    let Some((width, height)) = frame.size.or(options.size) else {
+        let problem = "expected w and h in the file, found none: give the image size";
+        return Err(Error::invalid("camera", problem));
+    };
+    let from_angle = |side: u32, angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
+    let [angle_x, angle_y] = frame.angles;
+    let from_angles = angle_x.map(|angle| {
+        let fx = from_angle(width, angle);
+        DVec2::new(fx, angle_y.map_or(fx, |angle| from_angle(height, angle)))
+    });
+    let focal = frame
+        .focal
+        .map(DVec2::from_array)
+        .or(from_angles)
+        .or(options.focal);
+    let Some(focal) = focal else {
+        let problem =
+            "expected fl_x or camera_angle_x in the file, found none: give the focal length";
+        return Err(Error::invalid("camera", problem));
+    };
+    let given = frame.center.map(DVec2::from_array).or(options.center);
+    let camera = camera_of((width, height), focal, given, options.pixel_centre)?;
+    let mut world_from_cam = frame.world_from_gl_cam;
+    world_from_cam.y_axis = -world_from_cam.y_axis;
+    world_from_cam.z_axis = -world_from_cam.z_axis;
+    Ok(View {
+        id,
+        name: frame.file.trim_start_matches("./").to_owned(),
+        camera: camera.with_distortion(frame.distortion)?,
+        pose: inverted(world_from_cam)?,
+        depth_range: None,
+    })
+}
+
+/// A camera whose principal point, where `given`, is in the files' convention.
+fn camera_of(
+    (width, height): (u32, u32),
+    focal: DVec2,
+    given: Option<DVec2>,
+    pixel_centre: PixelCentre,
+) -> Result<Camera> {
+    let middle = 0.5 * DVec2::new(f64::from(width), f64::from(height));
+    let center = given.map_or(middle, |center| center + pixel_centre.offset());
+    Camera::new(width, height, focal, center)
+}
+
+/// The pose whose inverse is `world_from_cam`.
+fn inverted(world_from_cam: DMat4) -> Result<Pose> {
+    Pose::from_matrix(world_from_cam)?; // says what is wrong in the file's own terms
+    let rotation = DMat3::from_mat4(world_from_cam).inverse();
+    Pose::new(rotation, -(rotation * world_from_cam.w_axis.truncate()))
+}
+
+fn read_log(path: &Path, options: &CamerasOptions) -> Result<(Scene, Vec<String>)> {
+    let poses = tnt::read_trajectory(path)?;
+    let (Some(size), Some(focal)) = (options.size, options.focal) else {
+        let problem = "expected an image size and focal lengths beside a .log, which has none, \
+             found no such options: give both";
+        return Err(Error::layout(path, problem));
+    };
+    let camera = camera_of(size, focal, options.center, options.pixel_centre)?;
+    let mut views = Vec::new();
+    let mut unregistered = 0;
+    for (id, pose) in (0u32..).zip(&poses) {
+        if pose.is_unregistered() {
+            unregistered += 1;
+            continue;
+        }
+        let place = format!("pose {id}");
+        let pose = inverted(pose.world_from_cam)
+            .map_err(FormatError::at(place))
+            .map_err(Error::in_file(path))?;
+        views.push(View {
+            id,
+            name: String::new(),
+            camera,
+            pose,
+            depth_range: None,
+        });
+    }
+    let mut notes = Vec::new();
+    if unregistered > 0 {
+        let all = poses.len();
+        notes.push(format!(
+            "left out {unregistered} of {all} poses, which are not registered"
+        ));
+    }
+    Ok((Scene::new(views)?, notes))
+}
+
+#[cfg(test)]
+mod tests;
