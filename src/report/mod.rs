@@ -1,9 +1,14 @@
 //! Records to files that people read. Pure: values in, bytes out.
 
+pub mod check;
+mod cloud_payload;
 pub mod colormap;
+pub mod compare;
 pub mod contact_sheet;
 pub mod curve_svg;
 mod font;
+pub mod histogram_svg;
+pub mod html;
 pub mod leaderboard;
 pub mod record;
 pub mod table;

@@ -1,8 +1,17 @@
 //! Leaderboards, curves and pages made of records whose contents are known.
 
+use glam::DVec3;
+use mvs_datasets::layout::files::write_atomically;
+use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
+use mvs_eval::report::contact_sheet::{self, SheetRow};
+use mvs_eval::report::curve_svg::{self, Curves};
+use mvs_eval::report::histogram_svg;
+use mvs_eval::report::html::{self, ErrorCloud, Page, Picture, Plot};
 use mvs_eval::report::leaderboard::{Metric, boards, paper_tables, site_tables};
 use mvs_eval::report::record::Record;
 use mvs_eval::report::{table_csv, table_md, table_tex};
+use std::io::Write;
+use std::path::Path;
 
 const SCENES: [&str; 7] = [
     "Barn",
@@ -200,5 +209,173 @@ fn two_records_for_one_cell_are_refused() {
     assert!(
         nan.contains("F-score of a on Barn: expected a number"),
         "{nan}"
+    );
+}
+
+/// A page with everything on it, made of a synthetic scene whose sampled surface is moved by known
+/// amounts.
+fn page() -> String {
+    let scene = SyntheticScene::new(SyntheticOptions::default()).unwrap();
+    let surface = scene.sample_surface(0.008).unwrap();
+    let tau = 0.01;
+    // Off by up to 3 τ where the surface is high, in waves.
+    let moved: Vec<DVec3> = surface
+        .positions()
+        .iter()
+        .zip(surface.normals().unwrap())
+        .map(|(&point, normal)| {
+            let wave = 0.5 + 0.5 * (9.0 * point.x).sin() * (9.0 * point.y).cos();
+            point + normal.as_dvec3() * (3.0 * tau * wave * (0.2 + point.z).min(1.0))
+        })
+        .collect();
+    let distances: Vec<f64> = moved
+        .iter()
+        .map(|&point| scene.distance_to_surface(point))
+        .collect();
+    let edges: Vec<f64> = (1..500).map(|step| f64::from(step) * tau / 100.0).collect();
+    let below =
+        |edge: f64| distances.iter().filter(|&&d| d < edge).count() as f64 / distances.len() as f64;
+    let precision: Vec<f64> = edges.iter().map(|&edge| below(edge)).collect();
+    let recall: Vec<f64> = edges.iter().map(|&edge| below(0.8 * edge)).collect();
+    let curves = Curves {
+        title: "tabletop",
+        tau,
+        unit: "m",
+        distances: &edges,
+        precision: &precision,
+        recall: &recall,
+    };
+    let depths: Vec<_> = (0..4)
+        .map(|view| contact_sheet::depth_image(&scene.depth(view)))
+        .collect();
+    let noisy: Vec<_> = (0..4)
+        .map(|view| {
+            contact_sheet::depth_image(&scene.estimated_depth(view, &DepthNoise::default()).0)
+        })
+        .collect();
+    let rows: Vec<SheetRow> = (0..4)
+        .map(|view| SheetRow {
+            label: format!("view {view}"),
+            images: vec![Some(&depths[view]), Some(&noisy[view])],
+        })
+        .collect();
+    let sheet = contact_sheet::draw(&["exact depth", "estimated depth"], &rows, 320).unwrap();
+    let mut png = Vec::new();
+    mvs_datasets::format::image::write_png(&mut png, &sheet).unwrap();
+    let boards = boards(&paper_records()).unwrap();
+    let mut tables = site_tables(&boards);
+    tables.extend(paper_tables(&boards));
+    html::html(&Page {
+        title: "Report <of a test>",
+        lead: "R-MVSNet by training set, and a synthetic scene whose errors are known.",
+        tables: &tables,
+        plots: &[
+            Plot {
+                caption: "Precision, recall and F-score of tabletop".into(),
+                svg: curve_svg::svg(&curves).unwrap(),
+            },
+            Plot {
+                caption: "Errors of tabletop".into(),
+                svg: histogram_svg::svg("tabletop, precision", &distances, tau, "m").unwrap(),
+            },
+        ],
+        clouds: &[ErrorCloud {
+            name: "tabletop, precision",
+            positions: &moved,
+            distances: &distances,
+            tau,
+            unit: "m",
+        }],
+        pictures: &[Picture {
+            caption: "Depth of four views".into(),
+            media_type: "image/png",
+            bytes: png,
+        }],
+        provenance: &[
+            (
+                "command".into(),
+                "mvs-eval report results.csv --out report".into(),
+            ),
+            ("seed".into(), "0".into()),
+        ],
+    })
+    .unwrap()
+}
+
+/// Opens a page in headless Chromium (named by `MVS_EVAL_CHROMIUM`): the document after its scripts
+/// have run, and what they wrote to the console. `None` where there is no browser.
+fn opened(name: &str, page: &str) -> Option<(String, String)> {
+    let Some(chromium) = std::env::var_os("MVS_EVAL_CHROMIUM") else {
+        eprintln!("skipped: MVS_EVAL_CHROMIUM names no browser");
+        return None;
+    };
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    write_atomically(&path, |out| out.write_all(page.as_bytes())).unwrap();
+    let output = std::process::Command::new(chromium)
+        .args([
+            "--headless=new",
+            "--no-sandbox",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+        ])
+        .args([
+            "--virtual-time-budget=20000",
+            "--enable-logging=stderr",
+            "--dump-dom",
+        ])
+        .arg(format!("file://{}", path.display()))
+        .output()
+        .unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    Some((text(&output.stdout), text(&output.stderr)))
+}
+
+fn attribute<'a>(document: &'a str, name: &str) -> &'a str {
+    let start = document
+        .find(&format!("{name}=\""))
+        .map(|at| at + name.len() + 2);
+    start.map_or("", |start| {
+        document[start..].split('"').next().unwrap_or("")
+    })
+}
+
+#[test]
+fn page_loads_draws_and_sorts_in_a_browser() {
+    let page = page();
+    assert!(page.len() < 3_000_000);
+    let Some((document, log)) = opened("report.html", &page) else {
+        return;
+    };
+    assert_eq!(attribute(&document, "data-state"), "ok", "{log}");
+    let drawn: f64 = attribute(&document, "data-drawn").parse().unwrap();
+    assert!((0.02..0.9).contains(&drawn), "{drawn} of the canvas");
+    assert!(!log.contains("CONSOLE"), "{log}");
+    let clicks = "<script>document.querySelectorAll('th button')[4].click();\
+        var names = [].map.call(document.querySelectorAll('tbody')[0].rows, function (row) { return row.cells[4].textContent; });\
+        document.documentElement.dataset.sorted = names.join(' ');\
+        document.querySelectorAll('th button')[4].click();\
+        names = [].map.call(document.querySelectorAll('tbody')[0].rows, function (row) { return row.cells[4].textContent; });\
+        document.documentElement.dataset.again = names.join(' ');</script></body>";
+    let (document, _) = opened("report-sorted.html", &page.replace("</body>", clicks)).unwrap();
+    assert_eq!(
+        attribute(&document, "data-sorted"),
+        "53.90 51.30 49.20 42.00"
+    );
+    assert_eq!(
+        attribute(&document, "data-again"),
+        "42.00 49.20 51.30 53.90"
+    );
+}
+
+#[test]
+fn a_page_that_cannot_draw_says_so() {
+    let broken = page().replace("gl_PointSize = clamp", "gl_PointSize = klamp");
+    let Some((document, _)) = opened("report-broken.html", &broken) else {
+        return;
+    };
+    assert!(
+        attribute(&document, "data-state").starts_with("error: "),
+        "{}",
+        attribute(&document, "data-state")
     );
 }

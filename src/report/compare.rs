@@ -1,0 +1,291 @@
+//! Two sets of records side by side: what became better, what worse, beyond the stated uncertainty.
+
+use super::record::Record;
+use crate::error::{Error, Result};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How two sets are compared.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CompareOptions {
+    /// F-score differences up to this are no differences, whatever the records' intervals say.
+    pub tolerance: f64,
+    /// Whether sets of different protocols or profiles may be compared at all.
+    pub mixing: Mixing,
+}
+
+/// What to do about records of different protocols or profiles.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Mixing {
+    /// An error.
+    #[default]
+    Refused,
+    /// Records are paired by scene and threshold alone.
+    Allowed,
+}
+
+impl Default for CompareOptions {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-9,
+            mixing: Mixing::Refused,
+        }
+    }
+}
+
+/// What a difference means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// Within the uncertainty.
+    Same,
+    /// Better beyond it.
+    Better,
+    /// Worse beyond it.
+    Worse,
+}
+
+/// One cell of both sets.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Difference {
+    /// Method, scene and threshold, as far as they tell cells apart.
+    pub cell: String,
+    /// The first set's F-score, 0 to 1.
+    pub before: f64,
+    /// The second set's.
+    pub after: f64,
+    /// How far the two may differ by chance: the root of the summed squares of both confidence
+    /// intervals' half widths, or the tolerance where that is larger.
+    pub uncertainty: f64,
+    /// What it means.
+    pub outcome: Outcome,
+}
+
+/// Both sets, cell by cell.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Cells of both.
+    pub differences: Vec<Difference>,
+    /// Cells of the first set alone, and those that have an F-score only there.
+    pub lost: Vec<String>,
+    /// Cells of the second set alone.
+    pub gained: Vec<String>,
+}
+
+impl Comparison {
+    /// Whether a cell became worse or was lost.
+    pub fn is_regression(&self) -> bool {
+        let mut worse = self.differences.iter();
+        worse.any(|difference| difference.outcome == Outcome::Worse) || !self.lost.is_empty()
+    }
+}
+
+/// Compares the F-scores of `after` with those of `before`. Methods are paired by name, unless both
+/// sets hold a single one. Fails when the sets are of different protocols, profiles or units, when a
+/// cell is there twice, or when they have no cell in common.
+pub fn compare(
+    before: &[Record],
+    after: &[Record],
+    options: &CompareOptions,
+) -> Result<Comparison> {
+    if options.mixing == Mixing::Refused {
+        same_procedure(before, after)?;
+    }
+    let naming = Naming {
+        methods: methods(before).len() > 1 || methods(after).len() > 1,
+        procedures: options.mixing == Mixing::Refused && procedures(before).len() > 1,
+    };
+    let first = cells(before, naming)?;
+    let second = cells(after, naming)?;
+    let mut comparison = Comparison::default();
+    for (cell, old) in &first {
+        let Some(before) = old.fscore else { continue };
+        let new = second
+            .get(cell)
+            .and_then(|new| Some((new.fscore?, half_width(new))));
+        let Some((after, half)) = new else {
+            comparison.lost.push(cell.clone());
+            continue;
+        };
+        let uncertainty = half_width(old).hypot(half).max(options.tolerance);
+        comparison
+            .differences
+            .push(difference(cell, (before, after), uncertainty));
+    }
+    let new_cells = second.keys().filter(|cell| !first.contains_key(*cell));
+    comparison.gained = new_cells.cloned().collect();
+    if comparison.differences.is_empty() {
+        let problem = "expected cells with an F-score in both, found none: the sets have no method, \
+                       scene and threshold in common";
+        return Err(Error::invalid("compare", problem));
+    }
+    Ok(comparison)
+}
+
+fn difference(cell: &str, (before, after): (f64, f64), uncertainty: f64) -> Difference {
+    let outcome = if after > before + uncertainty {
+        Outcome::Better
+    } else if after < before - uncertainty {
+        Outcome::Worse
+    } else {
+        Outcome::Same
+    };
+    Difference {
+        cell: cell.to_owned(),
+        before,
+        after,
+        uncertainty,
+        outcome,
+    }
+}
+
+fn half_width(record: &Record) -> f64 {
+    match (record.f_ci_lo, record.f_ci_hi) {
+        (Some(low), Some(high)) => 0.5 * (high - low).max(0.0),
+        _ => 0.0,
+    }
+}
+
+fn methods(records: &[Record]) -> BTreeSet<(&str, &str)> {
+    records
+        .iter()
+        .map(|r| (r.method.as_str(), r.group.as_str()))
+        .collect()
+}
+
+fn procedure(record: &Record) -> String {
+    let parts = [&record.protocol, &record.profile, &record.unit];
+    let named: Vec<&str> = parts
+        .into_iter()
+        .filter(|p| !p.is_empty())
+        .map(String::as_str)
+        .collect();
+    named.join(" ")
+}
+
+fn procedures(records: &[Record]) -> BTreeSet<String> {
+    records.iter().map(procedure).collect()
+}
+
+fn same_procedure(before: &[Record], after: &[Record]) -> Result<()> {
+    let (first, second) = (procedures(before), procedures(after));
+    if first == second || first.is_empty() || second.is_empty() {
+        return Ok(());
+    }
+    let list = |set: &BTreeSet<String>| set.iter().cloned().collect::<Vec<_>>().join(", ");
+    let problem = format!(
+        "expected both sets from the same protocols, profiles and units, found {} and {}; their \
+         numbers mean different things (allow mixing to compare them all the same)",
+        list(&first),
+        list(&second)
+    );
+    Err(Error::invalid("compare", problem))
+}
+
+/// What a cell's name must say beside scene and threshold.
+#[derive(Debug, Clone, Copy)]
+struct Naming {
+    methods: bool,
+    procedures: bool,
+}
+
+fn cells(records: &[Record], naming: Naming) -> Result<BTreeMap<String, &Record>> {
+    let mut cells = BTreeMap::new();
+    for record in records {
+        let mut parts = Vec::new();
+        if naming.procedures {
+            parts.push(procedure(record));
+        }
+        if naming.methods {
+            parts.push(record.method.clone());
+            parts.push(record.group.clone());
+        }
+        parts.push(record.scene.clone());
+        parts.push(
+            record
+                .threshold
+                .map(|t| format!("τ {t}"))
+                .unwrap_or_default(),
+        );
+        parts.retain(|part| !part.is_empty());
+        let cell = parts.join(" · ");
+        if cells.insert(cell.clone(), record).is_some() {
+            let problem = format!("expected one record per cell, found two for {cell}");
+            return Err(Error::invalid("compare", problem));
+        }
+    }
+    Ok(cells)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(scene: &str, f: f64, half: f64) -> Record {
+        Record {
+            protocol: "tnt".into(),
+            scene: scene.into(),
+            threshold: Some(0.01),
+            fscore: Some(f),
+            f_ci_lo: Some(f - half),
+            f_ci_hi: Some(f + half),
+            ..Record::default()
+        }
+    }
+
+    fn compared(before: &[Record], after: &[Record]) -> Comparison {
+        compare(before, after, &CompareOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn only_a_drop_beyond_the_uncertainty_is_a_regression() {
+        // Half widths .003 and .004 add up to .005.
+        let before = [record("Barn", 0.5, 0.003)];
+        let inside = compared(&before, &[record("Barn", 0.4951, 0.004)]);
+        assert_eq!(inside.differences[0].outcome, Outcome::Same);
+        assert!(!inside.is_regression());
+        let outside = compared(&before, &[record("Barn", 0.4949, 0.004)]);
+        assert_eq!(outside.differences[0].outcome, Outcome::Worse);
+        assert!(outside.is_regression());
+        let better = compared(&before, &[record("Barn", 0.51, 0.004)]);
+        assert_eq!(better.differences[0].outcome, Outcome::Better);
+        assert!(!better.is_regression());
+    }
+
+    #[test]
+    fn a_lost_scene_is_a_regression_and_a_gained_one_is_not() {
+        let (barn, truck) = (record("Barn", 0.5, 0.0), record("Truck", 0.6, 0.0));
+        let lost = compared(&[barn.clone(), truck.clone()], std::slice::from_ref(&barn));
+        assert!(lost.is_regression());
+        assert_eq!(lost.lost, ["Truck · τ 0.01"]);
+        let gained = compared(std::slice::from_ref(&barn), &[barn.clone(), truck]);
+        assert!(!gained.is_regression());
+        assert_eq!(gained.gained, ["Truck · τ 0.01"]);
+    }
+
+    #[test]
+    fn protocols_are_not_mixed_unless_told() {
+        let before = [record("Barn", 0.5, 0.0)];
+        let mut other = record("Barn", 0.4, 0.0);
+        other.profile = "strict".into();
+        let after = [other];
+        let error = compare(&before, &after, &CompareOptions::default()).unwrap_err();
+        assert!(
+            error.to_string().contains("found tnt and tnt strict"),
+            "{error}"
+        );
+        let options = CompareOptions {
+            mixing: Mixing::Allowed,
+            ..CompareOptions::default()
+        };
+        assert!(compare(&before, &after, &options).unwrap().is_regression());
+    }
+
+    #[test]
+    fn nothing_in_common_is_an_error() {
+        let (barn, truck) = (record("Barn", 0.5, 0.0), record("Truck", 0.6, 0.0));
+        let options = CompareOptions::default();
+        assert!(compare(&[barn.clone()], &[truck], &options).is_err());
+        assert!(compare(&[barn.clone(), barn.clone()], &[barn], &options).is_err());
+    }
+}

@@ -1,0 +1,358 @@
+//! One page that holds a whole report and opens from disk without a network: everything is inlined.
+
+use super::cloud_payload::{base64, pack};
+use super::curve_svg::escaped;
+use super::table::{Emphasis, Table};
+use crate::error::{Error, Result};
+use glam::DVec3;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// Points of one cloud, and of all clouds of a page.
+const POINTS_PER_CLOUD: usize = 200_000;
+const POINTS_PER_PAGE: usize = 1_000_000;
+/// No page is larger.
+const MOST_BYTES: usize = 10_000_000;
+
+/// What a page shows. Every part may be empty.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Page<'a> {
+    /// The page's heading and title.
+    pub title: &'a str,
+    /// A sentence or two below it.
+    pub lead: &'a str,
+    /// Tables, each under its own title. Those with one row per method can be sorted.
+    pub tables: &'a [Table],
+    /// Plots.
+    pub plots: &'a [Plot],
+    /// Clouds to turn in 3-D.
+    pub clouds: &'a [ErrorCloud<'a>],
+    /// Pictures.
+    pub pictures: &'a [Picture],
+    /// Names and values: command, revision, machine, inputs.
+    pub provenance: &'a [(String, String)],
+}
+
+/// A picture made of lines.
+#[derive(Debug, Clone)]
+pub struct Plot {
+    /// What it shows, in words.
+    pub caption: String,
+    /// The SVG.
+    pub svg: String,
+}
+
+/// A picture made of pixels.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// What it shows, in words.
+    pub caption: String,
+    /// `image/png` or `image/jpeg`.
+    pub media_type: &'static str,
+    /// The encoded picture.
+    pub bytes: Vec<u8>,
+}
+
+/// Points and how far each is from the other cloud.
+#[derive(Debug, Clone, Copy)]
+pub struct ErrorCloud<'a> {
+    /// What it is: `Barn, precision`.
+    pub name: &'a str,
+    /// Positions in `unit`, +Z up.
+    pub positions: &'a [DVec3],
+    /// Distances in `unit`, one per position.
+    pub distances: &'a [f64],
+    /// The threshold in `unit`, > 0.
+    pub tau: f64,
+    /// The unit; may be empty.
+    pub unit: &'a str,
+}
+
+/// What the viewer must know of a cloud.
+#[derive(Debug, Serialize)]
+struct CloudFacts<'a> {
+    middle: [f64; 3],
+    tau: f64,
+    unit: &'a str,
+}
+
+/// The page. Fails when a cloud has not one distance per point or no threshold, or when the page
+/// would exceed 10 MB: fewer pictures or clouds then, on several pages.
+pub fn html(page: &Page) -> Result<String> {
+    let title = escaped(page.title);
+    let mut text = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>\n{}</style>\n</head>\n\
+         <body>\n<main>\n<h1>{title}</h1>\n",
+        include_str!("page.css")
+    );
+    if !page.lead.is_empty() {
+        push(
+            &mut text,
+            format_args!("<p class=\"lead\">{}</p>", escaped(page.lead)),
+        );
+    }
+    for table in page.tables {
+        push_table(&mut text, table);
+    }
+    push_plots(&mut text, page.plots);
+    push_clouds(&mut text, page.clouds)?;
+    push_pictures(&mut text, page.pictures);
+    push_provenance(&mut text, page.provenance);
+    push(
+        &mut text,
+        format_args!(
+            "</main>\n<script>\n{}</script>\n</body>\n</html>",
+            include_str!("page.js")
+        ),
+    );
+    if text.len() > MOST_BYTES {
+        let problem = format!(
+            "expected at most {MOST_BYTES} bytes, found {}; give it fewer pictures or clouds",
+            text.len()
+        );
+        return Err(Error::invalid("page", problem));
+    }
+    Ok(text)
+}
+
+/// Appends a line. Writing to a `String` cannot fail.
+fn push(text: &mut String, line: std::fmt::Arguments) {
+    let _ = text.write_fmt(line);
+    text.push('\n');
+}
+
+fn push_table(text: &mut String, table: &Table) {
+    let sortable = table.rows_per_method <= 1;
+    let class = if sortable { " class=\"sortable\"" } else { "" };
+    let title = escaped(&table.title);
+    push(text, format_args!("<h2>{title}</h2>"));
+    push(
+        text,
+        format_args!(
+            "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{title}\">"
+        ),
+    );
+    push(text, format_args!("<table{class}>\n<thead><tr>"));
+    for (column, name) in table.header.iter().enumerate() {
+        let class = if column == 0 { " class=\"name\"" } else { "" };
+        // Ranks and names are asked for from the smallest, scores from the largest.
+        let first = if column < 3 { "up" } else { "down" };
+        let name = escaped(name);
+        let label = if sortable {
+            format!("<button>{name}</button>")
+        } else {
+            name
+        };
+        push(
+            text,
+            format_args!("<th scope=\"col\"{class} data-first=\"{first}\">{label}</th>"),
+        );
+    }
+    push(text, format_args!("</tr></thead>\n<tbody>"));
+    for (index, row) in table.rows.iter().enumerate() {
+        let cells = row.iter().enumerate().map(|(column, cell)| {
+            let label = if column == 0 {
+                table.label_of(index)
+            } else {
+                &cell.text
+            };
+            let class = match (column, cell.emphasis) {
+                (0, _) => " class=\"name\"",
+                (_, Emphasis::Best) => " class=\"best\"",
+                (_, Emphasis::Second) => " class=\"second\"",
+                (_, Emphasis::Plain) => "",
+            };
+            format!("<td{class}>{}</td>", escaped(label))
+        });
+        push(text, format_args!("<tr>{}</tr>", cells.collect::<String>()));
+    }
+    push(text, format_args!("</tbody>\n</table>\n</div>"));
+    for note in &table.notes {
+        push(
+            text,
+            format_args!("<p class=\"note\">{}</p>", escaped(note)),
+        );
+    }
+}
+
+fn push_figure(text: &mut String, media_type: &str, bytes: &[u8], caption: &str) {
+    let (data, caption) = (base64(bytes), escaped(caption));
+    push(
+        text,
+        format_args!(
+            "<figure><img alt=\"{caption}\" src=\"data:{media_type};base64,{data}\">\
+             <figcaption>{caption}</figcaption></figure>"
+        ),
+    );
+}
+
+fn push_plots(text: &mut String, plots: &[Plot]) {
+    if plots.is_empty() {
+        return;
+    }
+    push(
+        text,
+        format_args!("<h2>Curves</h2>\n<div class=\"figures\">"),
+    );
+    for plot in plots {
+        push_figure(text, "image/svg+xml", plot.svg.as_bytes(), &plot.caption);
+    }
+    push(text, format_args!("</div>"));
+}
+
+fn push_pictures(text: &mut String, pictures: &[Picture]) {
+    if pictures.is_empty() {
+        return;
+    }
+    push(text, format_args!("<h2>Pictures</h2>"));
+    for picture in pictures {
+        push_figure(text, picture.media_type, &picture.bytes, &picture.caption);
+    }
+}
+
+fn push_provenance(text: &mut String, provenance: &[(String, String)]) {
+    if provenance.is_empty() {
+        return;
+    }
+    push(text, format_args!("<h2>Provenance</h2>\n<dl>"));
+    for (name, value) in provenance {
+        push(
+            text,
+            format_args!("<dt>{}</dt><dd>{}</dd>", escaped(name), escaped(value)),
+        );
+    }
+    push(text, format_args!("</dl>"));
+}
+
+fn push_clouds(text: &mut String, clouds: &[ErrorCloud]) -> Result<()> {
+    if clouds.is_empty() {
+        return Ok(());
+    }
+    let most = POINTS_PER_CLOUD.min(POINTS_PER_PAGE / clouds.len());
+    let (mut facts, mut options, mut data) = (Vec::new(), String::new(), String::new());
+    for (index, cloud) in clouds.iter().enumerate() {
+        check(cloud)?;
+        let payload = pack(cloud.positions, cloud.distances, cloud.tau, most);
+        let (name, kept, all) = (escaped(cloud.name), payload.count, cloud.positions.len());
+        push(
+            &mut options,
+            format_args!("<option value=\"{index}\">{name} ({kept} of {all} points)</option>"),
+        );
+        let coded = base64(&payload.bytes);
+        push(
+            &mut data,
+            format_args!("<script type=\"text/plain\" id=\"cloud-{index}\">{coded}</script>"),
+        );
+        facts.push(CloudFacts {
+            middle: payload.middle,
+            tau: cloud.tau,
+            unit: cloud.unit,
+        });
+    }
+    let facts =
+        serde_json::to_string(&facts).map_err(|error| Error::invalid("page", error.to_string()))?;
+    // A text in the facts must not close the script element.
+    let facts = facts.replace('<', "\\u003c");
+    push(
+        text,
+        format_args!("<h2>Errors in 3-D</h2>\n{VIEWER_HEAD}{options}{VIEWER_TAIL}"),
+    );
+    push(
+        text,
+        format_args!("<script type=\"application/json\" id=\"clouds\">{facts}</script>\n{data}"),
+    );
+    Ok(())
+}
+
+const VIEWER_HEAD: &str = "<div class=\"viewer\">\n\
+<canvas tabindex=\"0\" role=\"img\" aria-label=\"Point cloud coloured by error. Arrow keys turn it, plus and minus zoom.\"></canvas>\n\
+<p class=\"fallback note\" hidden>This browser has no WebGL 2; the PLY files of this result hold the same clouds.</p>\n\
+<div class=\"controls\">\n<label>Cloud <select>\n";
+const VIEWER_TAIL: &str = "</select></label>\n\
+<label>Full colour at <input type=\"range\" min=\"0.25\" max=\"3\" step=\"0.05\" value=\"3\"> <output></output></label>\n\
+<button class=\"plain\" aria-pressed=\"false\">Turn</button>\n\
+<div class=\"legend\"><i></i><span><b>0</b><b></b></span></div>\n</div>\n</div>\n\
+<p class=\"note\">Drag or use the arrow keys to turn, scroll or + and − to zoom. Larger clouds are thinned to every k-th point in Morton order.</p>";
+
+fn check(cloud: &ErrorCloud) -> Result<()> {
+    let (points, distances) = (cloud.positions.len(), cloud.distances.len());
+    if points != distances || points == 0 || !(cloud.tau > 0.0 && cloud.tau.is_finite()) {
+        let problem = format!(
+            "expected points, one distance each and a threshold above 0 for {}, found {points}, \
+             {distances} and {}",
+            cloud.name, cloud.tau
+        );
+        return Err(Error::invalid("page", problem));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_cannot_break_out_and_nothing_is_fetched() {
+        let cloud = ErrorCloud {
+            name: "</script><b>",
+            positions: &[DVec3::ZERO, DVec3::ONE],
+            distances: &[0.0, 1.0],
+            tau: 0.5,
+            unit: "</script>",
+        };
+        let page = Page {
+            title: "<i>",
+            clouds: &[cloud],
+            provenance: &[("command".into(), "a && b".into())],
+            ..Page::default()
+        };
+        let text = html(&page).unwrap();
+        assert!(!text.contains("<i>\"") && text.contains("<h1>&lt;i&gt;</h1>"));
+        assert_eq!(
+            text.matches("</script>").count(),
+            3,
+            "facts, one cloud, the code"
+        );
+        assert!(text.contains("a &amp;&amp; b"));
+        assert!(!text.contains("src=\"http") && !text.contains("href=\"http"));
+        assert!(!text.contains("import ") && !text.contains("fetch("));
+    }
+
+    #[test]
+    fn clouds_that_do_not_fit_and_pages_too_large_are_refused() {
+        let cloud = ErrorCloud {
+            name: "x",
+            positions: &[DVec3::ZERO],
+            distances: &[],
+            tau: 1.0,
+            unit: "",
+        };
+        let page = Page {
+            clouds: &[cloud],
+            ..Page::default()
+        };
+        assert!(
+            html(&page)
+                .unwrap_err()
+                .to_string()
+                .contains("for x, found 1, 0 and 1")
+        );
+        let picture = Picture {
+            caption: String::new(),
+            media_type: "image/png",
+            bytes: vec![0; 8_000_000],
+        };
+        let page = Page {
+            pictures: &[picture],
+            ..Page::default()
+        };
+        assert!(
+            html(&page)
+                .unwrap_err()
+                .to_string()
+                .contains("at most 10000000 bytes")
+        );
+    }
+}
