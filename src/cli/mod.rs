@@ -79,7 +79,7 @@ pub(crate) fn main() -> ExitCode {
         Ok(Verdict::Passed) => ExitCode::SUCCESS,
         Ok(Verdict::Failed) => ExitCode::from(1),
         Err(error) => {
-            output::say(&format!("error: {error:#}"));
+            output::say(&format!("error: {}", sentence(&error)));
             ExitCode::from(2)
         }
     }
@@ -97,4 +97,15 @@ fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
         Command::Score(args) => score::run(args, global),
         Command::Replay(args) => replay::run(args, global),
     }
+}
+
+/// The error as one sentence: causes that the message already says are not said again.
+fn sentence(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |said, cause| {
+        match (said.is_empty(), said.contains(&cause)) {
+            (true, _) => cause,
+            (false, true) => said,
+            (false, false) => format!("{said}: {cause}"),
+        }
+    })
 }
