@@ -18,20 +18,39 @@ pub(crate) struct RenderArgs {
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     mesh: Vec<PathBuf>,
-    /// A folder of MVSNet cams (00000000_cam.txt …)
+    /// Cameras: a folder of MVSNet cams, a COLMAP model, transforms.json, or a .log
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
     /// The folder to write
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// The image size that the intrinsics are for; by default twice the principal point
+    /// Image size; cameras that state another are scaled to cover it and cut to its centre
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
-    /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
+    #[command(flatten)]
+    camera: CameraFlags,
+    /// Where the cameras put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
     #[command(flatten)]
     render: RenderFlags,
+}
+
+/// What camera files may leave open.
+#[derive(Debug, Args, Serialize)]
+pub(crate) struct CameraFlags {
+    /// The image size that the intrinsics are for, where the files have none; by default --size if
+    /// that goes with the principal point, else twice the principal point
+    #[arg(long = "camera-size", value_name = "WxH")]
+    #[serde(rename = "size")]
+    camera_size: Option<Size>,
+    /// Focal length in pixels, where the files have none
+    #[arg(long, value_name = "PX")]
+    focal: Option<f64>,
+    /// Principal point in pixels, where the files have none; by default the image's centre
+    #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 2)]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    center: Vec<f64>,
 }
 
 #[derive(Debug, Args, Serialize)]

@@ -2,7 +2,8 @@
 
 use super::Context;
 use crate::error::{Error, Result};
-use mvs_datasets::layout::mvsnet::{self, CamsOptions, PixelCentre};
+use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
+use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::{files, mesh};
 use mvs_datasets::scene::{Aabb, Scene, View};
 use serde::{Deserialize, Serialize};
@@ -62,7 +63,7 @@ pub fn run(job: &InspectJob, _context: &Context<'_>) -> Result<Inspection> {
             "pfm" => inspect_depth(path)?,
             "jpg" | "jpeg" | "png" => inspect_image(path)?,
             "log" => inspect_log(path)?,
-            "json" => inspect_crop(path)?,
+            "json" => inspect_json(job)?,
             _ => return Err(unknown(path)),
         }
     };
@@ -81,14 +82,30 @@ fn unknown(path: &Path) -> Error {
 type Answer = Result<(&'static str, Vec<Fact>)>;
 
 fn inspect_folder(job: &InspectJob) -> Answer {
-    let options = CamsOptions {
+    let options = CamerasOptions {
         pixel_centre: job.pixel_center,
-        size: None,
+        ..CamerasOptions::default()
     };
-    match mvsnet::read_scene(&job.path, &options) {
-        Ok(scene) => Ok(("MVSNet cameras", scene_facts(&scene))),
+    match cameras::read_scene(&job.path, &options) {
+        Ok(read) => Ok((source_name(read.source), camera_facts(read))),
         Err(no_cams) => inspect_mesh(&job.path).map_err(|_| no_cams.into()),
     }
+}
+
+fn source_name(source: CameraSource) -> &'static str {
+    match source {
+        CameraSource::Cams => "MVSNet cameras",
+        CameraSource::Colmap => "COLMAP model",
+        CameraSource::Transforms => "transforms.json",
+        CameraSource::Log => "camera trajectory",
+    }
+}
+
+fn camera_facts(read: ReadCameras) -> Vec<Fact> {
+    let mut facts = vec![fact("read from", read.path.display().to_string())];
+    facts.extend(scene_facts(&read.scene));
+    facts.extend(read.notes.into_iter().map(|note| fact("note", note)));
+    facts
 }
 
 fn scene_facts(scene: &Scene) -> Vec<Fact> {
@@ -238,8 +255,22 @@ fn inspect_log(path: &Path) -> Answer {
     Ok(("camera trajectory", facts))
 }
 
-fn inspect_crop(path: &Path) -> Answer {
-    let volume = files::read_crop(path)?;
+/// A crop volume, or cameras as transforms.json has them.
+fn inspect_json(job: &InspectJob) -> Answer {
+    let path = &job.path;
+    let options = CamerasOptions {
+        pixel_centre: job.pixel_center,
+        ..CamerasOptions::default()
+    };
+    let volume = match files::read_crop(path) {
+        Ok(volume) => volume,
+        Err(no_crop) => {
+            return match cameras::read_scene(path, &options) {
+                Ok(read) => Ok((source_name(read.source), camera_facts(read))),
+                Err(_) => Err(no_crop.into()),
+            };
+        }
+    };
     let (min, max) = volume.range();
     let facts = vec![
         fact("swept along", format!("{:?}", volume.axis())),

@@ -5,6 +5,7 @@
 //! an outcome which the command line prints.
 
 pub mod blend;
+pub mod cameras;
 pub mod demo;
 pub mod fuse;
 pub mod generate;

@@ -1,5 +1,6 @@
 //! `mvs-eval render`: mesh + cameras → depth, colour and cams per view.
 
+use super::cameras::{self, CameraOptions};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -7,9 +8,9 @@ use crate::parallel;
 use crate::provenance::Run;
 use crate::render::{RenderOptions, Renderer};
 use mvs_datasets::format::{image, pfm};
-use mvs_datasets::layout::mvsnet::{self, CamsOptions, PixelCentre};
+use mvs_datasets::layout::mvsnet::{self, PixelCentre};
 use mvs_datasets::layout::{files, mesh};
-use mvs_datasets::scene::{DepthRange, Scene, View};
+use mvs_datasets::scene::{DepthRange, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -19,13 +20,15 @@ use std::path::{Path, PathBuf};
 pub struct RenderJob {
     /// Mesh files, or folders of them; together they are one scene.
     pub mesh: Vec<PathBuf>,
-    /// A folder of MVSNet cams.
+    /// Cameras in any form that [`mvs_datasets::layout::cameras`] knows.
     pub cameras: PathBuf,
     /// The folder for `depth/`, `color/` and `cams/`.
     pub out: PathBuf,
-    /// The image size the intrinsics are for; without it twice the principal point.
+    /// Image size: cameras are scaled and cropped to it. See [`cameras::read`] for cams.
     pub size: Option<Size>,
-    /// Where the cams put the centre of the top-left pixel.
+    /// What the camera files leave open.
+    pub camera: CameraOptions,
+    /// Where the cameras put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
     /// How to render.
     pub render: RenderOptions,
@@ -59,7 +62,8 @@ pub struct RenderedView {
 
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
-    let scene = read_cameras(job)?;
+    let options = (job.pixel_center, &job.camera);
+    let scene = cameras::read(&job.cameras, options, job.size, context)?;
     let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
     inputs.push(&job.cameras);
     let out = OutDir::create(&job.out, Run::new("render", job, &inputs)?, context.force)?;
@@ -93,14 +97,6 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
         triangles: loaded.mesh.triangles().len(),
         views,
     })
-}
-
-fn read_cameras(job: &RenderJob) -> Result<Scene> {
-    let options = CamsOptions {
-        pixel_centre: job.pixel_center,
-        size: job.size.map(|size| (size.width, size.height)),
-    };
-    Ok(mvsnet::read_scene(&job.cameras, &options)?)
 }
 
 fn render_view(

@@ -1,0 +1,154 @@
+//! Reading cameras for a job: whatever the files are, and the image size where they have none.
+
+use super::Context;
+use crate::config::Size;
+use crate::error::Result;
+use crate::generate::Fit;
+use glam::DVec2;
+use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
+use mvs_datasets::layout::mvsnet::PixelCentre;
+use mvs_datasets::scene::{Camera, Scene, View};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What the camera files leave open.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraOptions {
+    /// The image size that the intrinsics are for, where the files have none.
+    pub size: Option<Size>,
+    /// Focal length in pixels, where the files have none.
+    pub focal: Option<f64>,
+    /// Principal point in pixels, where the files have none; by default the image's centre.
+    pub center: Option<[f64; 2]>,
+}
+
+/// An image size and twice the principal point that differ by less than this fraction belong
+/// together.
+const NEAR: f64 = 0.05;
+
+/// Reads the cameras at `path` and fits them to images of `wanted` size.
+///
+/// A `cam.txt` has no image size: without `options.size` it is `wanted` where that goes with the
+/// principal point, else twice the principal point, which is then scaled and cropped to `wanted`.
+pub fn read(
+    path: &Path,
+    (pixel_centre, options): (PixelCentre, &CameraOptions),
+    wanted: Option<Size>,
+    context: &Context<'_>,
+) -> Result<Scene> {
+    let read = read_files(path, pixel_centre, options)?;
+    let assumed = wanted.filter(|&size| {
+        let first = read.scene.views().first();
+        options.size.is_none()
+            && read.source == CameraSource::Cams
+            && first.is_some_and(|view| goes_with(size, &view.camera))
+    });
+    let read = match assumed {
+        Some(size) => read_files(
+            path,
+            pixel_centre,
+            &CameraOptions {
+                size: Some(size),
+                ..*options
+            },
+        )?,
+        None => read,
+    };
+    for note in &read.notes {
+        context.warnings.add("cameras", note.clone());
+    }
+    match wanted {
+        Some(size) => fitted(read.scene, size),
+        None => Ok(read.scene),
+    }
+}
+
+fn read_files(
+    path: &Path,
+    pixel_centre: PixelCentre,
+    options: &CameraOptions,
+) -> Result<ReadCameras> {
+    let options = CamerasOptions {
+        pixel_centre,
+        size: options.size.map(|size| (size.width, size.height)),
+        focal: options.focal.map(DVec2::splat),
+        center: options.center.map(DVec2::from_array),
+    };
+    Ok(cameras::read_scene(path, &options)?)
+}
+
+/// Whether the principal point is about the centre of images of this size.
+fn goes_with(size: Size, camera: &Camera) -> bool {
+    let center = camera.center();
+    let near = |length: u32, center: f64| (2.0 * center / f64::from(length) - 1.0).abs() < NEAR;
+    near(size.width, center.x) && near(size.height, center.y)
+}
+
+fn fitted(scene: Scene, size: Size) -> Result<Scene> {
+    let fit = |view: &View| -> Result<View> {
+        Ok(Fit::new(&view.camera, Some((size.width, size.height)))?.view(view))
+    };
+    let views = scene
+        .views()
+        .iter()
+        .map(fit)
+        .collect::<Result<Vec<View>>>()?;
+    let sources = (0..views.len())
+        .map(|index| scene.sources_of(index).to_vec())
+        .collect();
+    Ok(Scene::new(views)?.with_sources(sources)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+    use crate::warning::Warnings;
+
+    const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 19.6\n\
+                       0 40 15.1\n0 0 1\n\n1 0.01 128 3\n";
+
+    fn read_at(size: &str) -> Camera {
+        let folder = tempfile::tempdir().unwrap();
+        mvs_datasets::layout::files::write_atomically(
+            &folder.path().join("00000000_cam.txt"),
+            |out| std::io::Write::write_all(out, CAM.as_bytes()),
+        )
+        .unwrap();
+        let (warnings, progress) = (Warnings::default(), Silent);
+        let context = Context {
+            progress: &progress,
+            warnings: &warnings,
+            force: false,
+        };
+        let options = (PixelCentre::Half, &CameraOptions::default());
+        let scene = read(
+            folder.path(),
+            options,
+            Some(size.parse().unwrap()),
+            &context,
+        )
+        .unwrap();
+        scene.views()[0].camera
+    }
+
+    #[test]
+    fn a_size_that_goes_with_the_principal_point_is_the_cameras_own() {
+        let camera = read_at("40x30");
+        assert_eq!((camera.width(), camera.height()), (40, 30));
+        assert_eq!((camera.focal().x, camera.center().x), (40.0, 19.6));
+    }
+
+    #[test]
+    fn another_size_scales_the_camera() {
+        let camera = read_at("80x60");
+        assert_eq!((camera.width(), camera.height()), (80, 60));
+        // Twice the principal point, 39 x 30 pixels, is scaled by 80 / 39 to cover 80 x 60.
+        assert!(
+            (camera.focal().x - 40.0 * 80.0 / 39.0).abs() < 0.2,
+            "{}",
+            camera.focal()
+        );
+    }
+}
