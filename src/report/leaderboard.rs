@@ -507,7 +507,7 @@ fn paper_table(board: &Board) -> Table {
     header.extend(board.scenes.iter().cloned());
     header.push("Average".into());
     Table {
-        title: board.title("precision, recall and F-score"),
+        title: board.title("Precision, recall and F-score"),
         identity: board.identity(),
         notes: board.notes(),
         header,

@@ -105,7 +105,7 @@
     ["view", "middle", "scale", "full", "size"].forEach(function (uniform) {
       at[uniform] = gl.getUniformLocation(program, uniform);
     });
-    var count = 0, cloud = null, yaw = 0.7, pitch = 0.55, distance = 2.1, spinning = false;
+    var count = 0, cloud = null, yaw = 0.7, pitch = 0.55, distance = 1.55, spinning = false;
 
     function draw() {
       var ratio = window.devicePixelRatio || 1;

@@ -106,7 +106,7 @@ fn duel() -> Vec<Record> {
 fn paper_table_in_latex() {
     let tables = paper_tables(&boards(&duel()).unwrap());
     let expected = r"% needs \usepackage{booktabs}
-% precision, recall and F-score · tnt · official · training
+% Precision, recall and F-score · tnt · official · training
 % Threshold: 0.01 m.
 \begin{tabular}{llrrr}
 \toprule

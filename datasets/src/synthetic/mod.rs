@@ -9,6 +9,7 @@ mod sphere;
 mod stage;
 mod surface;
 mod texture;
+mod tube;
 
 use crate::error::{Error, Result};
 use crate::scene::{
@@ -27,9 +28,27 @@ const MOST: f64 = 3e8;
 /// At most so many source views per view, as BlendedMVS has.
 const SOURCES: usize = 10;
 
+/// What stands in a synthetic scene; each kind models one thing that reconstruction finds hard.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SceneKind {
+    /// A box and a sphere on the ground, seen from all around: nothing is hidden.
+    #[default]
+    Tabletop,
+    /// A ball seen from one side: much of the surface is never seen.
+    Object,
+    /// A wall with bays along which the camera moves: planes, steps, grazing sides.
+    Facade,
+    /// Buildings in a plain with a far background: large depth ranges, partial views.
+    Outdoor,
+    /// Posts a few pixels wide.
+    Thin,
+}
+
 /// What a synthetic scene is made of. Deterministic from `seed`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SyntheticOptions {
+    /// What stands in it.
+    pub kind: SceneKind,
     /// Seed of everything drawn.
     pub seed: u64,
     /// Number of cameras on the ring, 2 to 10000.
@@ -43,11 +62,30 @@ pub struct SyntheticOptions {
 impl Default for SyntheticOptions {
     fn default() -> Self {
         Self {
+            kind: SceneKind::Tabletop,
             seed: 0,
             views: 12,
             width: 320,
             height: 240,
         }
+    }
+}
+
+impl SyntheticOptions {
+    /// The project's fixture scenes by name: small, each with its own difficulty.
+    pub fn fixtures() -> [(&'static str, Self); 5] {
+        let of = |kind, views| Self {
+            kind,
+            views,
+            ..Self::default()
+        };
+        [
+            ("object", of(SceneKind::Object, 10)),
+            ("facade", of(SceneKind::Facade, 10)),
+            ("outdoor", of(SceneKind::Outdoor, 10)),
+            ("thin", of(SceneKind::Thin, 12)),
+            ("sparse", of(SceneKind::Tabletop, 5)),
+        ]
     }
 }
 
@@ -76,7 +114,8 @@ impl Default for DepthNoise {
     }
 }
 
-/// A box and a sphere on a plane, seen by a ring of cameras. +Z is up; the ground is z = 0.
+/// A scene with closed-form truth: by default a box and a sphere on a plane, seen by a ring of
+/// cameras. +Z is up; the ground is z = 0.
 #[derive(Debug, Clone)]
 pub struct SyntheticScene {
     options: SyntheticOptions,
@@ -101,7 +140,7 @@ impl SyntheticScene {
             let problem = format!("expected 1 to {MOST:e} pixels, found {pixels:e}");
             return Err(Error::invalid("synthetic scene", problem));
         }
-        let stage = stage::tabletop(options.seed, options.views)?;
+        let stage = stage::stage(options.kind, options.seed, options.views)?;
         let (mesh, deviation) = mesh_of(&stage.parts)?;
         let mut built = Self {
             blank: Raster::filled(options.width, options.height, 0.0)?,
@@ -275,7 +314,8 @@ fn sight(view: &View, pixel: DVec2) -> Ray {
     }
 }
 
-/// All cameras, alike, their focal length such that all of them see everything.
+/// All cameras, alike, their focal length such that all of them see everything, unless the stage
+/// sets it.
 fn cameras(stage: &Stage, options: &SyntheticOptions) -> Result<Scene> {
     let outline: Vec<DVec3> = stage
         .parts
@@ -291,7 +331,10 @@ fn cameras(stage: &Stage, options: &SyntheticOptions) -> Result<Scene> {
         widest.max(stage::spread(pose, &outline))
     });
     let size = DVec2::new(f64::from(options.width), f64::from(options.height));
-    let focal = (0.49 * size / spread).min_element();
+    let focal = match stage.reach {
+        Some(reach) => 0.5 * size.x / reach,
+        None => (0.49 * size / spread).min_element(),
+    };
     let camera = Camera::new(
         options.width,
         options.height,
@@ -362,8 +405,11 @@ fn mesh_of(parts: &[Part]) -> Result<(Mesh, f64)> {
 mod tests {
     use super::*;
 
+    /// The default scene, built once.
     fn scene() -> SyntheticScene {
-        SyntheticScene::new(SyntheticOptions::default()).unwrap()
+        static SCENE: std::sync::LazyLock<SyntheticScene> =
+            std::sync::LazyLock::new(|| SyntheticScene::new(SyntheticOptions::default()).unwrap());
+        SCENE.clone()
     }
 
     /// The first t at which the distance to the surface vanishes, by sphere tracing: no formula of
@@ -540,6 +586,42 @@ mod tests {
             scene().estimated_depth(2, &noise),
             scene().estimated_depth(3, &noise)
         );
+    }
+
+    #[test]
+    fn fixtures_agree_with_marching_and_sample_their_own_surface() {
+        for (name, options) in SyntheticOptions::fixtures() {
+            let scene = SyntheticScene::new(options).unwrap();
+            let view = &scene.scene().views()[1];
+            let depth = scene.depth(1);
+            let mut compared = 0;
+            for row in (3..240).step_by(29) {
+                for column in (3..320).step_by(29) {
+                    let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+                    let exact = f64::from(depth.get(column, row));
+                    let Some(marched) = march(&scene, &sight(view, pixel)) else {
+                        continue;
+                    };
+                    let relative = (exact - marched).abs() / marched;
+                    assert!(relative < 1e-6, "{name} {pixel}: {exact} {marched}");
+                    compared += 1;
+                }
+            }
+            assert!(compared > 10, "{name}: {compared}");
+            assert!(
+                depth.valid_count() > 8_000,
+                "{name}: {}",
+                depth.valid_count()
+            );
+            let cloud = scene.sample_surface(0.05).unwrap();
+            let far = cloud
+                .positions()
+                .iter()
+                .map(|&p| scene.distance_to_surface(p));
+            assert!(far.fold(0.0, f64::max) < 1e-10, "{name}");
+            let stray = scene.mesh_deviation();
+            assert!(stray < 1e-4, "{name}: {stray}");
+        }
     }
 
     #[test]

@@ -136,20 +136,24 @@ impl Surface for Rectangle {
     }
 }
 
+/// Five faces of a box that stands on a plane: `base` is a corner of the covered face, `x` and `y`
+/// its edges, `up` the edge that leads away from the plane; x × y points along `up`.
+pub(super) fn standing_box(base: DVec3, x: DVec3, y: DVec3, up: DVec3) -> Vec<Rectangle> {
+    vec![
+        Rectangle::new(base, x, up),
+        Rectangle::new(base + x, y, up),
+        Rectangle::new(base + x + y, -x, up),
+        Rectangle::new(base + y, -y, up),
+        Rectangle::new(base + up, x, y),
+    ]
+}
+
 /// The four walls and the top of an upright box: `center` is the middle of its bottom, `size` its
 /// edge lengths, `yaw` its turn about +Z in radians.
 pub(super) fn upright_box(center: DVec3, size: DVec3, yaw: f64) -> Vec<Rectangle> {
     let x = DVec3::new(yaw.cos(), yaw.sin(), 0.0) * size.x;
     let y = DVec3::new(-yaw.sin(), yaw.cos(), 0.0) * size.y;
-    let z = DVec3::Z * size.z;
-    let corner = center - 0.5 * (x + y);
-    vec![
-        Rectangle::new(corner, x, z),
-        Rectangle::new(corner + x, y, z),
-        Rectangle::new(corner + x + y, -x, z),
-        Rectangle::new(corner + y, -y, z),
-        Rectangle::new(corner + z, x, y),
-    ]
+    standing_box(center - 0.5 * (x + y), x, y, DVec3::Z * size.z)
 }
 
 #[cfg(test)]

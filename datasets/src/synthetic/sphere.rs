@@ -5,9 +5,8 @@ use super::surface::{Patch, Ray, Sample, Surface, cells};
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// Cells around and from top to floor of the tessellated sphere.
+/// Cells around the tessellated sphere, unless said otherwise.
 const AROUND: u32 = 192;
-const DOWN: u32 = 96;
 
 /// The part of a sphere at or above z = `floor`; −∞ for all of it. The floor is below the top.
 #[derive(Debug, Clone)]
@@ -15,6 +14,8 @@ pub(super) struct Sphere {
     center: DVec3,
     radius: f64,
     floor: f64,
+    /// Cells around; half as many from top to floor.
+    around: u32,
 }
 
 impl Sphere {
@@ -23,7 +24,17 @@ impl Sphere {
             center,
             radius,
             floor,
+            around: AROUND,
         }
+    }
+
+    /// The same sphere tessellated with `around` cells around it.
+    pub(super) fn with_cells(self, around: u32) -> Self {
+        Self { around, ..self }
+    }
+
+    fn down(&self) -> u32 {
+        (self.around / 2).max(1)
     }
 
     /// The radius of the circle in which the sphere meets its floor.
@@ -51,15 +62,15 @@ impl Sphere {
     /// A cell's four corners lie in one plane; the surface bulges over it by at most the radius
     /// less the plane's distance from the centre.
     fn deviation(&self) -> f64 {
-        let half = (0.5 * TAU / f64::from(AROUND)).cos();
-        let step = self.extent() / f64::from(DOWN);
+        let half = (0.5 * TAU / f64::from(self.around)).cos();
+        let step = self.extent() / f64::from(self.down());
         let bulge = |row: u32| {
             let (upper, lower) = (step * f64::from(row), step * f64::from(row + 1));
             let across = half * (lower.sin() - upper.sin());
             let along = lower.cos() - upper.cos();
             1.0 - half * step.sin() / across.hypot(along)
         };
-        self.radius * (0..DOWN).map(bulge).fold(0.0, f64::max)
+        self.radius * (0..self.down()).map(bulge).fold(0.0, f64::max)
     }
 }
 
@@ -126,7 +137,7 @@ impl Surface for Sphere {
 
     fn patch(&self) -> Patch {
         let extent = self.extent();
-        let mut patch = Patch::grid(AROUND, DOWN, |uv| {
+        let mut patch = Patch::grid(self.around, self.down(), |uv| {
             // The seam closes exactly.
             self.point(TAU * (uv.x % 1.0), extent * (1.0 - uv.y))
         });

@@ -87,6 +87,7 @@ pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
         views: job.views,
         width: job.size.width,
         height: job.size.height,
+        ..SyntheticOptions::default()
     })?;
     let noise = DepthNoise::default();
     let truth = scene.sample_surface(0.5 * job.tau)?;
