@@ -1,16 +1,23 @@
-//! `mvs-eval fuse`: a folder of depth maps → a point cloud.
+//! `mvs-eval fuse`: a folder of depth maps → a point cloud, view by view.
+
+mod maps;
+mod output;
 
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
-use crate::fuse::{Estimate, FuseCounts, FuseOptions, fuse};
-use crate::parallel;
+use crate::fuse::{
+    FuseCounts, FuseInputs, FuseOptions, MEMORY, MemoryScratch, Region, Scratch, columns, fuse_maps,
+};
 use crate::provenance::Run;
-use mvs_datasets::format::image;
-use mvs_datasets::format::ply::{self, PlyOptions};
+use glam::DVec3;
+use maps::{FileScratch, FolderMaps};
 use mvs_datasets::layout::files;
-use mvs_datasets::layout::mvsnet::{self, CamsOptions, PixelCentre};
-use mvs_datasets::scene::{Raster, Scene, View};
+use mvs_datasets::layout::mvsnet::PixelCentre;
+use mvs_datasets::layout::scratch::ScratchFolder;
+use mvs_metrics::crop::Prism;
+use output::PlySink;
 use serde::{Deserialize, Serialize};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval fuse`.
@@ -19,10 +26,14 @@ use std::path::{Path, PathBuf};
 pub struct FuseJob {
     /// The scene: a folder with `cams/` (and `pair.txt`), and images for colours if there are any.
     pub scene: PathBuf,
-    /// The folder of estimated depth maps, `<id>.pfm`.
+    /// The folder of estimated depth maps, `<id>.pfm`; they may be smaller than the images.
     pub depths: PathBuf,
     /// The folder of confidence maps, `<id>.pfm`, if there is one.
     pub confidence: Option<PathBuf>,
+    /// The folder of masks, `<id>.png`, of the depth maps' size: pixels below 128 are left out.
+    pub masks: Option<PathBuf>,
+    /// A polygon crop volume (JSON as Open3D's) in the scene's frame: points outside are left out.
+    pub crop: Option<PathBuf>,
     /// The PLY to write.
     pub out: PathBuf,
     /// Where the cams put the centre of the top-left pixel.
@@ -42,163 +53,136 @@ pub struct FuseOutcome {
     pub counts: FuseCounts,
 }
 
-/// Folders in which images of a scene are looked for, relative to it.
-const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
+/// What stands in the JSON beside the cloud.
+#[derive(Serialize)]
+struct Report<'a> {
+    version: &'a str,
+    options: &'a FuseOptions,
+    #[serde(flatten)]
+    outcome: &'a FuseOutcome,
+}
 
-/// Fuses the depth maps.
+/// Fuses the depth maps into `job.out`, and writes beside it a report (`.json`) of what became of
+/// the pixels and the `.run.toml`.
+///
+/// Intermediate maps lie in a temporary folder beside the cloud where they do not fit into memory.
 pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     check_out_file(&job.out, context.force)?;
-    let estimates = read_estimates(job, context)?;
-    let fused = fuse(&estimates, &job.fuse, context.progress)?;
-    if fused.cloud.is_empty() {
-        let problem = format!(
-            "no pixel of {} depth maps passed: {} empty, {} below the confidence threshold, {} \
-             without enough agreeing views",
-            estimates.len(),
-            fused.counts.empty,
-            fused.counts.unconfident,
-            fused.counts.inconsistent
-        );
-        return Err(Error::invalid(job.depths.display().to_string(), problem));
-    }
-    let comments = vec![format!("mvs-eval {} fuse", crate::provenance::VERSION)];
-    let options = PlyOptions {
-        comments,
-        ..PlyOptions::default()
+    job.fuse.check()?;
+    let maps = FolderMaps::open(job, context)?;
+    let prism = job.crop.as_deref().map(read_prism).transpose()?;
+    let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
+    let region: Option<&Region<'_>> = if prism.is_some() { Some(&inside) } else { None };
+    let scratch = scratch(&maps, &job.out)?;
+    let inputs = FuseInputs {
+        maps: &maps,
+        region,
+        scratch: scratch.as_ref(),
+        memory: MEMORY,
+        progress: context.progress,
+        warnings: context.warnings,
     };
-    files::write_atomically(&job.out, |out| {
-        ply::write_cloud(out, &fused.cloud, &[], &options)
-    })?;
-    let mut inputs = vec![job.scene.as_path(), job.depths.as_path()];
-    inputs.extend(job.confidence.as_deref());
-    Run::new("fuse", job, &inputs)?.write(&run_file_beside(&job.out))?;
-    let (views, points) = (estimates.len(), fused.cloud.len());
+    let outcome = write_cloud(job, &inputs)?;
+    write_report(job, &outcome)?;
+    let mut read = vec![job.scene.as_path(), job.depths.as_path()];
+    read.extend(
+        [&job.confidence, &job.masks, &job.crop]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path),
+    );
+    Run::new("fuse", job, &read)?.write(&run_file_beside(&job.out))?;
+    Ok(outcome)
+}
+
+fn read_prism(path: &Path) -> Result<Prism> {
+    let crop = files::read_crop(path)?;
+    Ok(Prism::new(
+        crop.axis().index(),
+        crop.range(),
+        crop.polygon(),
+    )?)
+}
+
+/// In memory where two passes' maps fit into the budget, else in files.
+fn scratch(maps: &FolderMaps<'_>, out: &Path) -> Result<Box<dyn Scratch>> {
+    let bytes = maps.pixels().saturating_mul(2 * size_of::<f32>() as u64);
+    if bytes <= MEMORY as u64 / 4 {
+        return Ok(Box::new(MemoryScratch::default()));
+    }
+    Ok(Box::new(FileScratch(ScratchFolder::beside(out)?)))
+}
+
+/// Streams the points into the PLY, which appears only when it is whole and not empty.
+fn write_cloud(job: &FuseJob, inputs: &FuseInputs<'_>) -> Result<FuseOutcome> {
+    let mut failed = None;
+    let mut outcome = None;
+    let written = files::write_atomically(&job.out, |out| {
+        let columns = columns(inputs.maps, &job.fuse);
+        let mut sink = PlySink::new(out, columns, &comments(&job.fuse), job.out.clone())?;
+        let fused = fuse_maps(inputs, &job.fuse, &mut sink).and_then(|counts| {
+            if sink.count() == 0 {
+                return Err(nothing(job, inputs.maps.count(), &counts));
+            }
+            Ok(counts)
+        });
+        match fused {
+            Ok(counts) => {
+                outcome = Some((sink.finish()?, counts));
+                Ok(())
+            }
+            Err(error) => {
+                failed = Some(error);
+                Err(std::io::Error::other("nothing to keep"))
+            }
+        }
+    });
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    written?;
+    let (points, counts) = outcome.unwrap_or_default();
     Ok(FuseOutcome {
-        views,
-        points,
-        counts: fused.counts,
+        views: inputs.maps.count(),
+        points: usize::try_from(points).unwrap_or(usize::MAX),
+        counts,
     })
 }
 
-fn read_estimates(job: &FuseJob, context: &Context<'_>) -> Result<Vec<Estimate>> {
-    let options = CamsOptions {
-        pixel_centre: job.pixel_center,
-        size: image_size(job)?,
+fn nothing(job: &FuseJob, views: usize, counts: &FuseCounts) -> Error {
+    let problem = format!(
+        "no pixel of {views} depth maps passed: {} empty, {} masked, {} out of the depth range, {} \
+         below the confidence threshold, {} without enough agreeing views, {} contradicted, {} \
+         outside of the bounds",
+        counts.empty,
+        counts.masked,
+        counts.out_of_range,
+        counts.unconfident,
+        counts.inconsistent,
+        counts.contradicted,
+        counts.outside
+    );
+    Error::invalid(job.depths.display().to_string(), problem)
+}
+
+/// The header's comments: the program and every option.
+fn comments(options: &FuseOptions) -> Vec<String> {
+    let mut lines = vec![format!("mvs-eval {} fuse", crate::provenance::VERSION)];
+    let text = toml::to_string(options).unwrap_or_default();
+    lines.extend(text.lines().map(str::to_owned));
+    lines
+}
+
+fn write_report(job: &FuseJob, outcome: &FuseOutcome) -> Result<()> {
+    let report = Report {
+        version: crate::provenance::VERSION,
+        options: &job.fuse,
+        outcome,
     };
-    let scene = mvsnet::read_scene(&job.scene, &options)?;
-    let present: Vec<usize> = (0..scene.views().len())
-        .filter(|&index| depth_path(job, &scene.views()[index]).exists())
-        .collect();
-    if present.is_empty() {
-        let problem = format!(
-            "expected depth maps named like {}, found none",
-            mvsnet::file_name(scene.views().first().map_or(0, |view| view.id), ".pfm")
-        );
-        return Err(Error::invalid(job.depths.display().to_string(), problem));
-    }
-    if present.len() < scene.views().len() {
-        let missing = scene.views().len() - present.len();
-        context.warnings.add(
-            "missing-depth",
-            format!("{missing} views have no depth map"),
-        );
-    }
-    context.progress.begin("reading", present.len() as u64);
-    parallel::try_map(present.len(), |slot| {
-        context.progress.check()?;
-        let estimate = read_estimate(job, &scene, &present, present[slot], context)?;
-        context.progress.advance(1);
-        Ok(estimate)
-    })
-}
-
-fn depth_path(job: &FuseJob, view: &View) -> PathBuf {
-    job.depths.join(mvsnet::file_name(view.id, ".pfm"))
-}
-
-fn read_estimate(
-    job: &FuseJob,
-    scene: &Scene,
-    present: &[usize],
-    index: usize,
-    context: &Context<'_>,
-) -> Result<Estimate> {
-    let view = &scene.views()[index];
-    let path = depth_path(job, view);
-    let (depth, rejected) = files::read_depth(&path)?;
-    if rejected.total() > 0 {
-        let message = format!(
-            "{}: {} NaN, {} infinite and {} negative depths count as none",
-            path.display(),
-            rejected.nan,
-            rejected.infinite,
-            rejected.negative
-        );
-        context.warnings.add("bad-depth", message);
-    }
-    let (width, height) = depth.size();
-    let camera = view.camera.resized(width, height)?;
-    let confidence = job
-        .confidence
-        .as_deref()
-        .map(|folder| read_confidence(folder, view.id, depth.size()));
-    let image = find_image(&job.scene, view.id).map(|path| files::read_image(&path));
-    let position_of = |id: u32| {
-        let index = scene.index_of(id)?;
-        present.iter().position(|&other| other == index)
-    };
-    let sources = scene
-        .sources_of(index)
-        .iter()
-        .filter_map(|source| position_of(source.id));
-    Ok(Estimate {
-        view: View {
-            camera,
-            ..view.clone()
-        },
-        depth,
-        confidence: confidence.transpose()?,
-        image: image.transpose()?,
-        sources: sources.collect(),
-    })
-}
-
-fn read_confidence(folder: &Path, id: u32, size: (u32, u32)) -> Result<Raster<f32>> {
-    let path = folder.join(mvsnet::file_name(id, ".pfm"));
-    let raster = files::read_raster(&path)?;
-    if raster.size() != size {
-        let (found, expected) = (raster.size(), size);
-        let problem = format!(
-            "expected the depth map's size {}x{}, found {}x{}",
-            expected.0, expected.1, found.0, found.1
-        );
-        return Err(Error::invalid(path.display().to_string(), problem));
-    }
-    Ok(raster)
-}
-
-/// The image of view `id`, if the scene has one.
-fn find_image(scene: &Path, id: u32) -> Option<PathBuf> {
-    let names = [".jpg", ".png"].map(|suffix| mvsnet::file_name(id, suffix));
-    let folders = IMAGE_FOLDERS.iter().map(|folder| scene.join(folder));
-    folders
-        .flat_map(|folder| names.clone().map(|name| folder.join(name)))
-        .find(|path| path.exists())
-}
-
-/// The size the cams are for: that of the scene's first image. Without images it is twice the
-/// principal point.
-fn image_size(job: &FuseJob) -> Result<Option<(u32, u32)>> {
-    let options = CamsOptions {
-        pixel_centre: job.pixel_center,
-        size: None,
-    };
-    let scene = mvsnet::read_scene(&job.scene, &options)?;
-    let image = scene
-        .views()
-        .iter()
-        .find_map(|view| find_image(&job.scene, view.id));
-    image
-        .map(|path| Ok(files::read_with(&path, image::read_size)?))
-        .transpose()
+    let text = serde_json::to_string_pretty(&report)
+        .map_err(|error| Error::invalid("JSON", error.to_string()))?;
+    let path = job.out.with_extension("json");
+    Ok(files::write_atomically(&path, |out| {
+        writeln!(out, "{text}")
+    })?)
 }

@@ -56,6 +56,12 @@ pub fn read(bytes: &[u8]) -> Result<Pfm, FormatError> {
     }
 }
 
+/// The (width, height) that a PFM states, without reading its values.
+pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
+    let (header, _) = read_header(bytes)?;
+    Ok((header.width, header.height))
+}
+
 /// Turns the rows, which are stored from the bottom, into a raster.
 fn raster<T, const N: usize>(
     header: &Header,

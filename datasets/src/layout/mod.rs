@@ -8,4 +8,5 @@ mod materials;
 pub mod mesh;
 pub mod mesh_out;
 pub mod mvsnet;
+pub mod scratch;
 pub mod tnt;

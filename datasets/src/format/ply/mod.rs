@@ -3,6 +3,7 @@
 mod body;
 mod faces;
 mod header;
+pub mod stream;
 mod table;
 mod vertices;
 mod write;

@@ -1,0 +1,72 @@
+//! Arrays of numbers kept in files for the time of a run.
+
+use super::files;
+use crate::error::{Error, Result};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A folder of little-endian f32 arrays, removed with everything in it when dropped.
+#[derive(Debug)]
+pub struct ScratchFolder {
+    folder: tempfile::TempDir,
+}
+
+impl ScratchFolder {
+    /// A new folder beside the file `path`, where there is room for a result.
+    pub fn beside(path: &Path) -> Result<Self> {
+        let parent = path
+            .parent()
+            .filter(|parent| !parent.as_os_str().is_empty());
+        let parent = parent.unwrap_or(Path::new("."));
+        std::fs::create_dir_all(parent).map_err(Error::io(parent, "create the folder"))?;
+        let folder = tempfile::Builder::new()
+            .prefix(".mvs-eval-scratch-")
+            .tempdir_in(parent)
+            .map_err(Error::io(parent, "create a folder in"))?;
+        Ok(Self { folder })
+    }
+
+    fn path(&self, key: u64) -> PathBuf {
+        self.folder.path().join(format!("{key}.f32"))
+    }
+
+    /// Keeps `values` under `key`, in place of what was there.
+    pub fn store(&self, key: u64, values: &[f32]) -> Result<()> {
+        let bytes: Vec<u8> = values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect();
+        files::write_atomically(&self.path(key), |out| out.write_all(&bytes))
+    }
+
+    /// What was stored under `key`.
+    pub fn fetch(&self, key: u64) -> Result<Vec<f32>> {
+        files::read_with(&self.path(key), |bytes| {
+            let values = bytes.as_chunks::<4>().0.iter();
+            Ok(values.map(|four| f32::from_le_bytes(*four)).collect())
+        })
+    }
+
+    /// Forgets `key`.
+    pub fn discard(&self, key: u64) -> Result<()> {
+        let path = self.path(key);
+        std::fs::remove_file(&path).map_err(Error::io(&path, "remove"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrays_come_back_and_the_folder_goes() {
+        let parent = tempfile::tempdir().unwrap();
+        let scratch = ScratchFolder::beside(&parent.path().join("cloud.ply")).unwrap();
+        scratch.store(3, &[1.5, -0.0, f32::MAX]).unwrap();
+        assert_eq!(scratch.fetch(3).unwrap(), [1.5, -0.0, f32::MAX]);
+        scratch.discard(3).unwrap();
+        assert!(scratch.fetch(3).is_err());
+        drop(scratch);
+        assert_eq!(std::fs::read_dir(parent.path()).unwrap().count(), 0);
+    }
+}

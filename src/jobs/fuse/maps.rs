@@ -1,0 +1,219 @@
+//! A folder of depth maps, read one at a time.
+
+use super::FuseJob;
+use crate::error::{Error, Result};
+use crate::fuse::{DepthMaps, Scratch};
+use crate::jobs::Context;
+use crate::warning::Warnings;
+use mvs_datasets::format::{image, pfm};
+use mvs_datasets::layout::files;
+use mvs_datasets::layout::mvsnet::{self, CamsOptions};
+use mvs_datasets::layout::scratch::ScratchFolder;
+use mvs_datasets::scene::{ColorImage, DepthMap, Mask, Raster, Scene, View};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Folders in which images of a scene are looked for, relative to it.
+const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
+
+/// The views of a scene that have a depth map.
+pub(super) struct FolderMaps<'a> {
+    entries: Vec<Entry>,
+    has_images: bool,
+    has_confidence: bool,
+    warnings: &'a Warnings,
+}
+
+struct Entry {
+    view: View,
+    sources: Vec<usize>,
+    depth: PathBuf,
+    confidence: Option<PathBuf>,
+    mask: Option<PathBuf>,
+    image: Option<PathBuf>,
+}
+
+impl<'a> FolderMaps<'a> {
+    /// Finds the files of `job` and reads the headers of its depth maps.
+    pub(super) fn open(job: &FuseJob, context: &Context<'a>) -> Result<Self> {
+        let options = CamsOptions {
+            pixel_centre: job.pixel_center,
+            size: image_size(job)?,
+        };
+        let scene = mvsnet::read_scene(&job.scene, &options)?;
+        let present = present_views(job, &scene, context)?;
+        let entry = |&index: &usize| Entry::find(job, &scene, &present, index);
+        let entries: Vec<Entry> = present.iter().map(entry).collect::<Result<_>>()?;
+        Ok(Self {
+            has_images: entries.iter().all(|entry| entry.image.is_some()),
+            has_confidence: job.confidence.is_some(),
+            entries,
+            warnings: context.warnings,
+        })
+    }
+
+    /// Pixels of all depth maps.
+    pub(super) fn pixels(&self) -> u64 {
+        let pixels = |entry: &Entry| {
+            u64::from(entry.view.camera.width()) * u64::from(entry.view.camera.height())
+        };
+        self.entries.iter().map(pixels).sum()
+    }
+}
+
+/// Positions in `scene` of the views that have a depth map.
+fn present_views(job: &FuseJob, scene: &Scene, context: &Context<'_>) -> Result<Vec<usize>> {
+    let all = 0..scene.views().len();
+    let there = |&index: &usize| depth_path(job, &scene.views()[index]).exists();
+    let present: Vec<usize> = all.filter(there).collect();
+    if present.is_empty() {
+        let problem = format!(
+            "expected depth maps named like {}, found none",
+            mvsnet::file_name(scene.views().first().map_or(0, |view| view.id), ".pfm")
+        );
+        return Err(Error::invalid(job.depths.display().to_string(), problem));
+    }
+    if present.len() < scene.views().len() {
+        let missing = scene.views().len() - present.len();
+        let message = format!("{missing} views have no depth map");
+        context.warnings.add("missing-depth", message);
+    }
+    Ok(present)
+}
+
+fn depth_path(job: &FuseJob, view: &View) -> PathBuf {
+    job.depths.join(mvsnet::file_name(view.id, ".pfm"))
+}
+
+impl Entry {
+    fn find(job: &FuseJob, scene: &Scene, present: &[usize], index: usize) -> Result<Self> {
+        let view = &scene.views()[index];
+        let depth = depth_path(job, view);
+        let (width, height) = files::read_with(&depth, pfm::read_size)?;
+        let camera = view.camera.resized(width, height)?;
+        let position_of = |id: u32| present.binary_search(&scene.index_of(id)?).ok();
+        let listed = scene.sources_of(index).iter();
+        let sources = listed.filter_map(|source| position_of(source.id)).collect();
+        let in_folder = |folder: &PathBuf| folder.join(mvsnet::file_name(view.id, ".pfm"));
+        let mask = job.masks.as_ref().map(|folder| find_mask(folder, view.id));
+        Ok(Self {
+            sources,
+            depth,
+            confidence: job.confidence.as_ref().map(in_folder),
+            mask: mask.transpose()?,
+            image: find_image(&job.scene, view.id),
+            view: View {
+                camera,
+                ..view.clone()
+            },
+        })
+    }
+}
+
+fn find_mask(folder: &Path, id: u32) -> Result<PathBuf> {
+    let names = [".png", ".jpg"].map(|suffix| folder.join(mvsnet::file_name(id, suffix)));
+    names.into_iter().find(|path| path.exists()).ok_or_else(|| {
+        let problem = format!(
+            "expected a mask {}, found none",
+            mvsnet::file_name(id, ".png")
+        );
+        Error::invalid(folder.display().to_string(), problem)
+    })
+}
+
+/// The image of view `id`, if the scene has one.
+fn find_image(scene: &Path, id: u32) -> Option<PathBuf> {
+    let names = [".jpg", ".png"].map(|suffix| mvsnet::file_name(id, suffix));
+    let folders = IMAGE_FOLDERS.iter().map(|folder| scene.join(folder));
+    folders
+        .flat_map(|folder| names.clone().map(|name| folder.join(name)))
+        .find(|path| path.exists())
+}
+
+/// The size the cams are for: that of the scene's first image. Without images it is twice the
+/// principal point.
+fn image_size(job: &FuseJob) -> Result<Option<(u32, u32)>> {
+    let options = CamsOptions {
+        pixel_centre: job.pixel_center,
+        size: None,
+    };
+    let scene = mvsnet::read_scene(&job.scene, &options)?;
+    let mut views = scene.views().iter();
+    let image = views.find_map(|view| find_image(&job.scene, view.id));
+    image
+        .map(|path| Ok(files::read_with(&path, image::read_size)?))
+        .transpose()
+}
+
+impl DepthMaps for FolderMaps<'_> {
+    fn count(&self) -> usize {
+        self.entries.len()
+    }
+
+    fn view(&self, index: usize) -> &View {
+        &self.entries[index].view
+    }
+
+    fn sources(&self, index: usize) -> &[usize] {
+        &self.entries[index].sources
+    }
+
+    fn depth(&self, index: usize) -> Result<DepthMap> {
+        let path = &self.entries[index].depth;
+        let (depth, rejected) = files::read_depth(path)?;
+        if rejected.total() > 0 {
+            let message = format!(
+                "{}: {} NaN, {} infinite and {} negative depths count as none",
+                path.display(),
+                rejected.nan,
+                rejected.infinite,
+                rejected.negative
+            );
+            self.warnings.add("bad-depth", message);
+        }
+        Ok(depth)
+    }
+
+    fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
+        let path = self.entries[index].confidence.as_ref();
+        Ok(path.map(|path| files::read_raster(path)).transpose()?)
+    }
+
+    fn mask(&self, index: usize) -> Result<Option<Mask>> {
+        let path = self.entries[index].mask.as_ref();
+        let mask = path.map(|path| files::read_with(path, image::read_gray));
+        Ok(mask
+            .transpose()?
+            .map(|gray| gray.map(|&value| value >= 128)))
+    }
+
+    fn image(&self, index: usize) -> Result<Option<ColorImage>> {
+        let path = self.entries[index].image.as_ref();
+        Ok(path.map(|path| files::read_image(path)).transpose()?)
+    }
+
+    fn has_images(&self) -> bool {
+        self.has_images
+    }
+
+    fn has_confidence(&self) -> bool {
+        self.has_confidence
+    }
+}
+
+/// Keeps the maps between passes in files.
+pub(super) struct FileScratch(pub(super) ScratchFolder);
+
+impl Scratch for FileScratch {
+    fn store(&self, key: u64, values: Vec<f32>) -> Result<()> {
+        Ok(self.0.store(key, &values)?)
+    }
+
+    fn fetch(&self, key: u64) -> Result<Arc<Vec<f32>>> {
+        Ok(Arc::new(self.0.fetch(key)?))
+    }
+
+    fn discard(&self, key: u64) -> Result<()> {
+        Ok(self.0.discard(key)?)
+    }
+}
