@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What became of the pixels of all depth maps; the reasons, `merged` and `fused` add up to
-/// `pixels`.
+/// What became of the pixels of all depth maps; the reasons, `merged` and `fused` less
+/// `filled` add up to `pixels`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FuseCounts {
     /// All pixels.
@@ -24,6 +24,8 @@ pub struct FuseCounts {
     pub outside: u64,
     /// Pixels that became part of another pixel's point.
     pub merged: u64,
+    /// Pixels counted as left out above whose depth was filled in from other views (Merrell).
+    pub filled: u64,
     /// Pixels that became points.
     pub fused: u64,
 }
@@ -42,6 +44,7 @@ impl FuseCounts {
             contradicted: self.contradicted + other.contradicted,
             outside: self.outside + other.outside,
             merged: self.merged + other.merged,
+            filled: self.filled + other.filled,
             fused: self.fused + other.fused,
         }
     }
@@ -49,6 +52,7 @@ impl FuseCounts {
     /// Pixels with a stated fate; equal to `pixels` at the end.
     pub fn accounted(&self) -> u64 {
         let rejected = self.empty + self.masked + self.out_of_range + self.unconfident;
-        rejected + self.inconsistent + self.contradicted + self.outside + self.merged + self.fused
+        let late = self.inconsistent + self.contradicted + self.outside;
+        rejected + late + self.merged + self.fused - self.filled
     }
 }

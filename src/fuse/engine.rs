@@ -3,18 +3,22 @@
 //! memory.
 
 use super::cache::Cache;
+use super::cluster::fuse_clusters;
 use super::counts::FuseCounts;
+use super::geometry::PairGeometry;
 use super::inputs::{DepthMaps, Scratch, check_size, check_views};
+use super::merrell::render;
 use super::options::{Colors, FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink, Points};
 use super::reference::{Finish, Reference, Region, Source};
 use super::rules::Rule;
 use super::samples::{Filters, Samples, Unit, confidence, prepare};
+use super::selection::{Confidences, Selection, Witness};
 use crate::error::Result;
 use crate::parallel;
 use crate::progress::Progress;
 use crate::warning::Warnings;
-use mvs_datasets::scene::{Aabb, ColorImage};
+use mvs_datasets::scene::{Aabb, ColorImage, Raster};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -72,7 +76,7 @@ pub fn fuse_maps(
     match options.mode {
         FuseMode::Hkust => engine.hkust(sink),
         FuseMode::Geo | FuseMode::Dynamic | FuseMode::Gipuma => engine.single(sink),
-        FuseMode::Cluster => engine.single(sink),
+        FuseMode::Cluster => fuse_clusters(inputs, options, sink),
     }
 }
 
@@ -136,7 +140,10 @@ impl Engine<'_> {
         let input = Maps::Input(Filters::All);
         let (mut counts, averaged) = match self.options.visibility {
             Visibility::None => (FuseCounts::default(), input),
-            _ => (self.depth_pass(input, Rule::Median, 0)?, Maps::Pass(0)),
+            Visibility::MerrellConfidence | Visibility::MerrellStability => {
+                (self.selection_pass(0)?, Maps::Pass(0))
+            }
+            Visibility::Median => (self.depth_pass(input, Rule::Median, 0)?, Maps::Pass(0)),
         };
         counts = counts.plus(self.depth_pass(averaged, Rule::Average, 1)?);
         self.discard(averaged)?;
@@ -164,6 +171,56 @@ impl Engine<'_> {
             self.inputs.scratch.store(self.key(to, index), stored)?;
             Ok(counts)
         })
+    }
+
+    /// Writes the depths that Merrell's rules select for every view under pass number `to`.
+    fn selection_pass(&self, to: u64) -> Result<FuseCounts> {
+        let input = Maps::Input(Filters::All);
+        let mut cache = Cache::new(self.inputs.memory / 2);
+        let mut confidences = Cache::new(self.inputs.memory / 2);
+        self.for_each_view("fusing by visibility", |index| {
+            let (reference, mut counts) = self.reference(index, input, Rule::Keep, &mut cache)?;
+            let mut wanted = vec![index];
+            wanted.extend(reference.sources.iter().map(|source| source.number));
+            let known = confidences.get(&wanted, |at| self.confidences(at))?;
+            let witness = |at: usize| self.witness(&reference, at, &known);
+            let selection = Selection {
+                own: &reference.samples,
+                own_confidences: Arc::clone(&known[0]),
+                sources: parallel::map(reference.sources.len(), witness),
+                options: self.options,
+            };
+            let mut stored = Vec::new();
+            for (band, more) in self.bands(&reference, |rows| selection.select(rows)) {
+                stored.extend(band);
+                counts = counts.plus(more);
+            }
+            self.inputs.scratch.store(self.key(to, index), stored)?;
+            Ok(counts)
+        })
+    }
+
+    fn witness(
+        &self,
+        reference: &Reference<'_>,
+        at: usize,
+        confidences: &[Arc<Confidences>],
+    ) -> Witness {
+        let source = &reference.sources[at];
+        let view = self.inputs.maps.view(source.number);
+        Witness {
+            pair: PairGeometry::new(reference.view, view),
+            samples: Arc::clone(&source.samples),
+            confidences: Arc::clone(&confidences[at + 1]),
+            rendered: render(reference.view, view, &source.samples),
+        }
+    }
+
+    fn confidences(&self, index: usize) -> Result<(Confidences, usize)> {
+        let values =
+            confidence(self.inputs.maps, index)?.map_or_else(Vec::new, Raster::into_values);
+        let bytes = values.len() * size_of::<f32>();
+        Ok((values, bytes))
     }
 
     /// Sends the points of every view to `sink`.
@@ -465,6 +522,7 @@ mod tests {
             FuseMode::Geo,
             FuseMode::Dynamic,
             FuseMode::Gipuma,
+            FuseMode::Cluster,
         ] {
             let options = FuseOptions {
                 bounds: Some([[-0.5; 3], [0.5; 3]]),
@@ -483,6 +541,62 @@ mod tests {
                 "{mode:?} {counts:?}"
             );
         }
+    }
+
+    #[test]
+    fn merrells_rules_fill_holes_and_stay_on_the_surface() {
+        let estimates = noisy(7, (160, 120));
+        let with = |visibility| {
+            let options = FuseOptions {
+                visibility,
+                ..FuseOptions::default()
+            };
+            fuse(&estimates, &options, &Silent).unwrap()
+        };
+        let median = with(Visibility::Median);
+        let middle = |points: &[DVec3]| off(points)[points.len() / 2];
+        for visibility in [Visibility::MerrellConfidence, Visibility::MerrellStability] {
+            let fused = with(visibility);
+            assert!(
+                fused.counts.filled > 300,
+                "{visibility:?} {:?}",
+                fused.counts
+            );
+            assert_eq!(
+                fused.counts.accounted(),
+                fused.counts.pixels,
+                "{visibility:?}"
+            );
+            assert!(fused.counts.fused > median.counts.fused, "{visibility:?}");
+            let (error, bound) = (
+                middle(fused.cloud.positions()),
+                2.0 * middle(median.cloud.positions()),
+            );
+            assert!(error < bound, "{visibility:?} {error:e} {bound:e}");
+        }
+    }
+
+    #[test]
+    fn clusters_merge_what_views_share() {
+        let surface = |view: &View, pixel| plane().depth(view, pixel);
+        let estimates = arc(6, (64, 48), DVec3::ZERO, surface);
+        let fused = fuse(&estimates, &FuseOptions::of(FuseMode::Cluster), &Silent).unwrap();
+        let counts = fused.counts;
+        assert_eq!(counts.accounted(), counts.pixels);
+        assert!(
+            counts.fused > 64 * 48 / 2 && counts.merged > 3 * counts.fused,
+            "{counts:?}"
+        );
+        // Medians of points a pixel apart stay on the plane to a fraction of a pixel's slope.
+        assert!(off(fused.cloud.positions())[fused.cloud.len() / 2] < 1e-6);
+        assert!(
+            fused
+                .cloud
+                .view_counts()
+                .unwrap()
+                .iter()
+                .all(|&views| views <= 6)
+        );
     }
 
     #[test]

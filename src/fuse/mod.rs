@@ -8,11 +8,15 @@
 //! [`geometry`]. Sources that see through a point contradict it.
 
 mod cache;
+mod cluster;
 mod counts;
 mod engine;
+#[cfg(test)]
+mod extremes;
 pub mod geometry;
 mod inputs;
 mod kernel;
+mod merrell;
 mod normals;
 mod options;
 #[cfg(test)]
@@ -23,6 +27,7 @@ mod reference;
 mod rules;
 mod samples;
 pub mod sampling;
+mod selection;
 #[cfg(test)]
 mod testing;
 

@@ -10,6 +10,7 @@
 mod architecture;
 mod cli;
 mod formats;
+mod fuse;
 mod generate;
 mod meshes;
 mod parity;
