@@ -533,7 +533,7 @@ mod tests {
             assert_eq!(counts.pixels, 5 * 64 * 48, "{mode:?}");
             assert_eq!(counts.accounted(), counts.pixels, "{mode:?} {counts:?}");
             assert!(
-                counts.fused > 500 && counts.outside > 0,
+                counts.fused > 100 && counts.outside > 0,
                 "{mode:?} {counts:?}"
             );
             assert!(
@@ -567,7 +567,16 @@ mod tests {
                 fused.counts.pixels,
                 "{visibility:?}"
             );
-            assert!(fused.counts.fused > median.counts.fused, "{visibility:?}");
+            // The nearest stable depth may be one in front of the surface, which is filtered later.
+            let least = match visibility {
+                Visibility::MerrellConfidence => median.counts.fused,
+                _ => median.counts.fused * 9 / 10,
+            };
+            assert!(
+                fused.counts.fused > least,
+                "{visibility:?} {:?}",
+                fused.counts
+            );
             let (error, bound) = (
                 middle(fused.cloud.positions()),
                 2.0 * middle(median.cloud.positions()),
@@ -583,12 +592,15 @@ mod tests {
         let fused = fuse(&estimates, &FuseOptions::of(FuseMode::Cluster), &Silent).unwrap();
         let counts = fused.counts;
         assert_eq!(counts.accounted(), counts.pixels);
+        // Two pixels of tolerance let neighbours join: about 4 × 4 pixels of one view's size become
+        // a point, from all six views.
         assert!(
-            counts.fused > 64 * 48 / 2 && counts.merged > 3 * counts.fused,
+            counts.fused > 500 && counts.merged > 10 * counts.fused,
             "{counts:?}"
         );
-        // Medians of points a pixel apart stay on the plane to a fraction of a pixel's slope.
-        assert!(off(fused.cloud.positions())[fused.cloud.len() / 2] < 1e-6);
+        // Medians by component of points up to two pixels of 0.05 units apart.
+        let middle = off(fused.cloud.positions())[fused.cloud.len() / 2];
+        assert!(middle < 0.1 * 0.05, "{middle:e}");
         assert!(
             fused
                 .cloud

@@ -63,7 +63,8 @@ pub(super) fn most_confident(
 }
 
 /// The stability-based variant: the nearest opinion on which at least as many views' surfaces lie in
-/// front of it as see through it. Arguments as in [`most_confident`].
+/// front of it as see through it, as the mean of the opinions that agree with it (itself, it would
+/// be the nearest of them and off by their noise). Arguments as in [`most_confident`].
 pub(super) fn nearest_stable(
     opinions: &[Opinion],
     violated: impl Fn(usize, f32) -> Option<f32>,
@@ -75,13 +76,18 @@ pub(super) fn nearest_stable(
         .filter(|&d| d > 0.0)
         .collect();
     depths.sort_by(f32::total_cmp);
-    depths.iter().copied().find(|&depth| {
+    let stable = depths.iter().copied().find(|&depth| {
         let in_front = |&&other: &&f32| other < depth * (1.0 - tolerance);
         let occlusions = depths.iter().filter(in_front).count();
         let sources = 0..opinions.len() - 1;
         let violations = sources.filter(|&i| violated(i, depth).is_some()).count();
         occlusions >= violations
-    })
+    })?;
+    let relative = depths.iter().map(|depth| depth / stable - 1.0);
+    let agreeing: Vec<f32> = relative.filter(|off| off.abs() <= tolerance).collect();
+    #[allow(clippy::cast_precision_loss, reason = "a number of views")]
+    let mean = agreeing.iter().sum::<f32>() / agreeing.len() as f32;
+    Some(stable * (1.0 + mean))
 }
 
 /// A source's depth map as the reference sees it.

@@ -31,7 +31,7 @@ fn write_scene(scene: &SyntheticScene, noise: Option<&DepthNoise>, folder: &Path
         let name = |suffix| mvsnet::file_name(view.id, suffix);
         let cam = folder.join("cams").join(name("_cam.txt"));
         mvsnet::write_view(&cam, view, mvsnet::PixelCentre::Half).unwrap();
-        let grey = ColorImage::filled(320, 240, [90, 100, 110]).unwrap();
+        let grey = ColorImage::filled(160, 120, [90, 100, 110]).unwrap();
         files::write_atomically(&folder.join("images").join(name(".png")), |out| {
             image::write_png(out, &grey)
         })
@@ -88,11 +88,21 @@ fn noisy_maps_fuse_to_the_same_bytes_at_any_number_of_threads() {
         let bytes = std::fs::read(&job.out).unwrap();
         assert_eq!(outcome.counts.fused, outcome.points as u64);
         assert_eq!(outcome.counts.accounted(), outcome.counts.pixels);
-        assert_eq!(first.get_or_insert_with(|| bytes.clone()), &bytes, "{threads}");
+        assert_eq!(
+            first.get_or_insert_with(|| bytes.clone()),
+            &bytes,
+            "{threads}"
+        );
     }
     let cloud = files::read_cloud(&job.out).unwrap();
-    assert!(cloud.len() > 50_000, "{}", cloud.len());
-    assert!(cloud.colors().unwrap().iter().all(|&color| color == [90, 100, 110]));
+    assert!(cloud.len() > 20_000, "{}", cloud.len());
+    assert!(
+        cloud
+            .colors()
+            .unwrap()
+            .iter()
+            .all(|&color| color == [90, 100, 110])
+    );
     assert!(cloud.normals().is_some() && cloud.confidences().is_some());
     assert!(cloud.view_counts().unwrap().iter().all(|&views| views >= 3));
     let header = String::from_utf8_lossy(&std::fs::read(&job.out).unwrap()[..2000]).into_owned();
@@ -118,7 +128,12 @@ fn exact_maps_fuse_onto_the_surface_in_every_mode() {
         let cloud = files::read_cloud(&job.out).unwrap();
         assert_eq!(cloud.len(), outcome.points);
         let median = median_distance(&scene, cloud.positions());
-        assert!(median < 2e-4, "{mode:?} {median:e}");
+        // `gipuma` samples whole pixels, `cluster` takes medians over a few.
+        let bound = match mode {
+            FuseMode::Gipuma | FuseMode::Cluster => 5e-3,
+            _ => 2e-4,
+        };
+        assert!(median < bound, "{mode:?} {median:e}");
     }
 }
 
@@ -133,7 +148,10 @@ fn merrells_rules_run_on_the_noisy_scene() {
         job.fuse.visibility = visibility;
         let outcome = fuse(&job, true).unwrap();
         let cloud = files::read_cloud(&job.out).unwrap();
-        assert!(outcome.counts.filled > 0 && cloud.len() > median.len() / 2, "{visibility:?}");
+        assert!(
+            outcome.counts.filled > 0 && cloud.len() > median.len() / 2,
+            "{visibility:?}"
+        );
         let error = median_distance(&scene, cloud.positions());
         let bound = 2.0 * median_distance(&scene, median.positions());
         assert!(error < bound, "{visibility:?} {error:e} {bound:e}");
@@ -147,10 +165,15 @@ fn refusals_are_one_sentence_and_leave_nothing_behind() {
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
     job.fuse.min_confidence = 2.0;
     let message = fuse(&job, false).unwrap_err().to_string();
-    assert!(message.contains("below the confidence threshold"), "{message}");
+    assert!(
+        message.contains("below the confidence threshold"),
+        "{message}"
+    );
     assert!(!job.out.exists());
     let leftover = |entry: &std::fs::DirEntry| entry.file_name().to_string_lossy().starts_with('.');
-    let entries = std::fs::read_dir(folder.path()).unwrap().map(Result::unwrap);
+    let entries = std::fs::read_dir(folder.path())
+        .unwrap()
+        .map(Result::unwrap);
     assert_eq!(entries.filter(leftover).count(), 0);
     job.fuse.min_confidence = 0.5;
     fuse(&job, false).unwrap();
