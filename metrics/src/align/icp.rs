@@ -1,8 +1,8 @@
 //! Point-to-point ICP with scale, as Open3D's `registration_icp` runs it.
 
 use super::transformed;
-use super::umeyama::{Scale, umeyama};
-use crate::distance::{NearestIndex, squared_distance};
+use super::umeyama::{Moments, Scale, umeyama};
+use crate::distance::{BlockIndex, NearestIndex, Tracker, squared_distance};
 use crate::error::{Error, Result};
 use glam::{DMat4, DVec3};
 
@@ -48,30 +48,88 @@ pub struct Icp {
     pub converged: bool,
 }
 
-/// Moves `source` onto `target` by similarities, starting from where it is.
+/// Moves `source` onto `target` by similarities, starting from where it is. The same bits at any
+/// number of threads.
 ///
 /// An error where either cloud is empty or not finite, or the pairs of some update coincide so that
 /// no scale fits. Without any pair the result is the identity with fitness 0.
 pub fn icp(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<Icp> {
     check(source, options)?;
-    let index = NearestIndex::new(target)?;
-    let mut moved = source.to_vec();
-    let mut pairing = Pairing::find(&moved, &index, options.max_distance);
-    let mut result = pairing.result(DMat4::IDENTITY, 0);
-    while result.iterations < options.max_iterations && !result.converged {
-        let update = pairing.update()?;
-        moved = transformed(&moved, update);
-        pairing = Pairing::find(&moved, &index, options.max_distance);
-        let next = pairing.result(update * result.target_from_source, result.iterations + 1);
-        result = Icp {
-            converged: close(&result, &next, options),
-            ..next
+    let index = BlockIndex::new(target)?;
+    let centre = source.iter().sum::<DVec3>() / source.len() as f64;
+    let mut tracker = Tracker::new(&index, source, options.max_distance, centre);
+    let pair = |motion| {
+        let sums = tracker.moved(motion);
+        let update = || match sums.pairs {
+            0 => Ok(DMat4::IDENTITY),
+            _ => Moments::of_sums(&sums, centre).solve(Scale::Free),
         };
-    }
-    Ok(result)
+        (Paired::of(sums.pairs, sums.squares, source.len()), update())
+    };
+    iterate(pair, options)
 }
 
-fn close(before: &Icp, after: &Icp, options: &IcpOptions) -> bool {
+/// As [`icp`], by kiddo's tree and plain loops: the oracle.
+pub fn icp_plain(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<Icp> {
+    check(source, options)?;
+    let index = NearestIndex::new(target)?;
+    let mut moved = source.to_vec();
+    let pair = |motion| {
+        moved = transformed(&moved, motion);
+        let (source, target, squares) = pairs(&moved, &index, options.max_distance);
+        let update = match source.len() {
+            0 => Ok(DMat4::IDENTITY),
+            _ => umeyama(&source, &target, Scale::Free),
+        };
+        (Paired::of(source.len(), squares, moved.len()), update)
+    };
+    iterate(pair, options)
+}
+
+/// How well the clouds pair.
+struct Paired {
+    fitness: f64,
+    inlier_rmse: f64,
+    pairs: usize,
+}
+
+impl Paired {
+    fn of(pairs: usize, squares: f64, asked: usize) -> Self {
+        Self {
+            fitness: pairs as f64 / asked as f64,
+            inlier_rmse: (squares / pairs.max(1) as f64).sqrt(),
+            pairs,
+        }
+    }
+}
+
+/// Moves and pairs until the criteria are met. `pair` moves the source and says how well it lies
+/// then, and which motion would be the next.
+fn iterate(
+    mut pair: impl FnMut(DMat4) -> (Paired, Result<DMat4>),
+    options: &IcpOptions,
+) -> Result<Icp> {
+    let (mut before, mut update) = pair(DMat4::IDENTITY);
+    let (mut motion, mut iterations, mut converged) = (DMat4::IDENTITY, 0, false);
+    while iterations < options.max_iterations && !converged {
+        let step = update?;
+        motion = step * motion;
+        let (after, next) = pair(step);
+        converged = close(&before, &after, options);
+        (before, update) = (after, next);
+        iterations += 1;
+    }
+    Ok(Icp {
+        target_from_source: motion,
+        fitness: before.fitness,
+        inlier_rmse: before.inlier_rmse,
+        pairs: before.pairs,
+        iterations,
+        converged,
+    })
+}
+
+fn close(before: &Paired, after: &Paired, options: &IcpOptions) -> bool {
     (before.fitness - after.fitness).abs() < options.relative_fitness
         && (before.inlier_rmse - after.inlier_rmse).abs() < options.relative_rmse
 }
@@ -95,52 +153,23 @@ fn check(source: &[DVec3], options: &IcpOptions) -> Result<()> {
     Ok(())
 }
 
-/// The source points that have a target point near enough, beside it.
-struct Pairing {
-    source: Vec<DVec3>,
-    target: Vec<DVec3>,
-    squares: f64,
-    asked: usize,
-}
-
-impl Pairing {
-    fn find(moved: &[DVec3], index: &NearestIndex, max_distance: f64) -> Self {
-        let mut pairing = Self {
-            source: Vec::new(),
-            target: Vec::new(),
-            squares: 0.0,
-            asked: moved.len(),
-        };
-        for &point in moved {
-            let nearest = index.points()[index.nearest(point).0];
-            let square = squared_distance(point, nearest);
-            if square < max_distance * max_distance {
-                pairing.source.push(point);
-                pairing.target.push(nearest);
-                pairing.squares += square;
-            }
-        }
-        pairing
-    }
-
-    fn result(&self, target_from_source: DMat4, iterations: usize) -> Icp {
-        let pairs = self.source.len();
-        Icp {
-            target_from_source,
-            fitness: pairs as f64 / self.asked as f64,
-            inlier_rmse: (self.squares / pairs.max(1) as f64).sqrt(),
-            pairs,
-            iterations,
-            converged: false,
+/// The source points that have a target point near enough, the targets, and Σ of squared distances.
+fn pairs(
+    moved: &[DVec3],
+    index: &NearestIndex,
+    max_distance: f64,
+) -> (Vec<DVec3>, Vec<DVec3>, f64) {
+    let (mut source, mut target, mut squares) = (Vec::new(), Vec::new(), 0.0);
+    for &point in moved {
+        let nearest = index.points()[index.nearest(point).0];
+        let square = squared_distance(point, nearest);
+        if square < max_distance * max_distance {
+            source.push(point);
+            target.push(nearest);
+            squares += square;
         }
     }
-
-    fn update(&self) -> Result<DMat4> {
-        if self.source.is_empty() {
-            return Ok(DMat4::IDENTITY);
-        }
-        umeyama(&self.source, &self.target, Scale::Free)
-    }
+    (source, target, squares)
 }
 
 #[cfg(test)]
@@ -164,6 +193,58 @@ mod tests {
         assert!(found.converged && found.pairs == 2000 && found.fitness == 1.0);
         assert!(found.target_from_source.abs_diff_eq(truth, 1e-12));
         assert!(found.inlier_rmse < 1e-12);
+    }
+
+    /// A bumpy sheet.
+    fn sheet(seed: u64, count: u64) -> Vec<DVec3> {
+        let bump = |p: &DVec3| DVec3::new(p.x, p.y, 0.3 * p.x * p.x - 0.2 * p.x * p.y);
+        scattered(seed, count).iter().map(bump).collect()
+    }
+
+    #[test]
+    fn every_step_is_the_oracles() {
+        let target = sheet(40, 6000);
+        let start = similarity(1.03, 0.04, DVec3::new(0.03, -0.02, 0.01));
+        let mut source = transformed(&sheet(41, 5003), start);
+        source.retain(|point| point.x < 0.7);
+        source.extend(scattered(42, 200));
+        for max_distance in [2.0, 0.2, 0.05, 0.01] {
+            for max_iterations in [0, 1, 2, 3, 5, 8, 13, 40] {
+                let options = IcpOptions {
+                    max_iterations,
+                    relative_fitness: 1e-9,
+                    relative_rmse: 1e-9,
+                    ..IcpOptions::new(max_distance)
+                };
+                let fast = icp(&source, &target, &options).unwrap();
+                let plain = icp_plain(&source, &target, &options).unwrap();
+                assert_eq!(
+                    (fast.pairs, fast.iterations),
+                    (plain.pairs, plain.iterations)
+                );
+                assert_eq!(
+                    (fast.fitness, fast.converged),
+                    (plain.fitness, plain.converged)
+                );
+                assert!((fast.inlier_rmse - plain.inlier_rmse).abs() < 1e-13);
+                let (fast, plain) = (fast.target_from_source, plain.target_from_source);
+                assert!(
+                    fast.abs_diff_eq(plain, 1e-11),
+                    "{max_distance} {max_iterations}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_same_bits_at_any_number_of_threads() {
+        let (source, target) = (sheet(43, 20_000), sheet(44, 20_000));
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let pool = pool.build().unwrap();
+            pool.install(|| icp(&source, &target, &IcpOptions::new(0.1)).unwrap())
+        };
+        assert_eq!(run(1), run(3));
     }
 
     #[test]

@@ -4,7 +4,7 @@ pub mod icp;
 pub mod trajectory;
 pub mod umeyama;
 
-pub use icp::{Icp, IcpOptions, icp};
+pub use icp::{Icp, IcpOptions, icp, icp_plain};
 pub use umeyama::{Scale, umeyama};
 
 use glam::{DMat4, DVec3};

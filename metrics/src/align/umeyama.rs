@@ -1,5 +1,6 @@
 //! The similarity of least squares between corresponding points (Umeyama, PAMI 1991).
 
+use crate::distance::PairSums;
 use crate::error::{Error, Result};
 use glam::{DMat4, DVec3};
 use nalgebra::{Matrix3, Vector3};
@@ -59,6 +60,19 @@ impl Moments {
             target_mean,
             covariance: covariance.map(|column| column * over_n),
             variance: (squares.x + squares.y + squares.z) * over_n,
+        }
+    }
+
+    /// The moments of pairs whose sums were taken about a centre near their means.
+    pub(crate) fn of_sums(sums: &PairSums, centre: DVec3) -> Self {
+        let over_n = 1.0 / sums.pairs as f64;
+        let (source, target) = (sums.source * over_n, sums.target * over_n);
+        let column = |k: usize| sums.cross[k] * over_n - target * source[k];
+        Self {
+            source_mean: centre + source,
+            target_mean: centre + target,
+            covariance: [column(0), column(1), column(2)],
+            variance: sums.source_squares * over_n - source.length_squared(),
         }
     }
 

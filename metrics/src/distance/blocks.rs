@@ -35,6 +35,10 @@ impl Block {
         z: [0.0; LANES],
     };
 
+    pub(super) fn set(&mut self, lane: usize, at: DVec3) {
+        (self.x[lane], self.y[lane], self.z[lane]) = (at.x, at.y, at.z);
+    }
+
     pub(super) fn point(&self, lane: usize) -> DVec3 {
         DVec3::new(self.x[lane], self.y[lane], self.z[lane])
     }
@@ -130,8 +134,7 @@ fn pack(points: &[DVec3], order: &mut [u32], blocks: &mut [Block], placed: &mut 
     }
     for (block, points) in blocks.iter_mut().zip(placed.chunks(LANES)) {
         for lane in 0..LANES {
-            let at = points[lane.min(points.len() - 1)].at;
-            (block.x[lane], block.y[lane], block.z[lane]) = (at.x, at.y, at.z);
+            block.set(lane, points[lane.min(points.len() - 1)].at);
         }
     }
 }
@@ -221,6 +224,11 @@ impl BlockIndex {
                 f64::INFINITY
             }
         })
+    }
+
+    /// The points in blocks along this index's curve; of a short last block as many as there are.
+    pub(super) fn blocks_of(&self, points: &[DVec3]) -> Vec<Block> {
+        Packed::new(points, &self.frame).blocks
     }
 
     pub(super) fn block(&self, number: usize) -> &Block {

@@ -6,11 +6,13 @@
 mod blocks;
 mod hilbert;
 mod oracle;
+mod pairs;
 mod search;
 mod wide;
 
 pub use blocks::BlockIndex;
 pub use oracle::NearestIndex;
+pub(crate) use pairs::{PairSums, Tracker};
 
 use crate::error::{Error, Result};
 use glam::DVec3;

@@ -2,6 +2,10 @@
 //!
 //! Lower bounds are exact: a box's gap is computed by the operations of a distance, in their order,
 //! and rounding keeps order. So nothing is skipped that could be nearer, not by one bit.
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one index runs over several columns"
+)]
 
 use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES, Node};
 use super::wide;
