@@ -1,7 +1,8 @@
 use super::common::{Global, Verdict, resolve, with_context};
-use super::output::{answer, pairs};
+use super::output::{answer, pairs, table};
 use clap::{Args, ValueEnum};
 use mvs_eval::jobs::score::{self, ScoreDocument, ScoreJob};
+use mvs_eval::jobs::score_all::{self, BatchOutcome};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -12,12 +13,17 @@ use std::path::PathBuf;
 /// both clouds are cropped by the scene's polygon and averaged over voxels of τ/2. Without
 /// --protocol, --truth and --reconstruction share a frame and are compared as they are.
 ///
-/// Writes score.json, scores.csv, the cumulative curves up to 5 τ (<Scene>.precision.txt and
-/// .recall.txt) and the summary <Scene>.prf_tau_plotstr.txt.
+/// Writes score.json, scores.csv, the judged clouds coloured by error (<Scene>.precision.ply and
+/// .recall.ply, with the distance as scalar `error`), the cumulative curves up to 5 τ
+/// (<Scene>.precision.txt and .recall.txt) and the summary <Scene>.prf_tau_plotstr.txt.
+///
+/// Gates look for misalignment: a shifted or wrong log, a wrong transform, wrong units, a collapsed
+/// scale. A failed gate names its cause on stderr and in score.json; the exit code is then 1.
 ///
 /// Examples:
 ///   mvs-eval score --protocol tnt --scene data/Barn --reconstruction barn.ply \
 ///     --trajectory barn.log --out results/barn
+///   mvs-eval score --all data --methods submissions --out results
 ///   mvs-eval score --truth scan.ply --reconstruction cloud.ply --tau 0.01,0.02 --out results
 #[derive(Debug, Args, Serialize)]
 #[command(verbatim_doc_comment)]
@@ -28,10 +34,17 @@ pub(crate) struct ScoreArgs {
     /// tnt: the scene folder with <Scene>.ply, .json, _COLMAP_SfM.log and _trans.txt
     #[arg(long, value_name = "DIR")]
     scene: Option<PathBuf>,
+    /// tnt: score every scene folder in this folder with every method in it, going on after failures;
+    /// a method is a sub-folder with one .ply and one .log (or one .txt, its transform)
+    #[arg(long, value_name = "ROOT", conflicts_with_all = ["scene", "reconstruction"])]
+    all: Option<PathBuf>,
+    /// With --all: take <method>/<Scene>.ply and .log from this folder of submissions
+    #[arg(long, value_name = "DIR", requires = "all")]
+    methods: Option<PathBuf>,
     /// plain: the true surface as a PLY cloud
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// The reconstruction as a PLY cloud
+    /// The reconstruction: a PLY cloud, or a PLY or OBJ mesh
     #[arg(long, value_name = "FILE")]
     reconstruction: Option<PathBuf>,
     /// A 4x4 text file, reconstruction to truth: takes the place of the alignment
@@ -70,6 +83,20 @@ pub(crate) struct ScoreArgs {
     /// Seed of everything drawn (default 0)
     #[arg(long)]
     seed: Option<u64>,
+    /// Which points stand for a mesh: `area` (default, at least one per (τ/2)²), `vertices` or
+    /// `centroids`
+    #[arg(long, value_enum)]
+    mesh_as: Option<MeshAsName>,
+    /// Confidence interval of F from this many resamples of blocks of space
+    #[arg(long, value_name = "N")]
+    bootstrap: Option<u32>,
+    /// tnt: spread of F over this many seeds
+    #[arg(long, value_name = "N")]
+    seeds: Option<u32>,
+    /// tnt: do not also compute the other profile's score
+    #[arg(long)]
+    #[serde(skip_serializing_if = "is_false")]
+    one_profile: bool,
     /// tnt: how near a camera must come to its reference to agree (default 0.2, metres)
     #[arg(long, value_name = "D")]
     camera_distance: Option<f64>,
@@ -89,6 +116,14 @@ enum ProfileName {
     Official,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum MeshAsName {
+    Area,
+    Vertices,
+    Centroids,
+}
+
 fn is_false(flag: &bool) -> bool {
     !flag
 }
@@ -98,9 +133,37 @@ pub(crate) fn run(args: &ScoreArgs, global: &Global) -> anyhow::Result<Verdict> 
 }
 
 pub(crate) fn execute(job: &ScoreJob, global: &Global) -> anyhow::Result<Verdict> {
+    if job.all.is_some() {
+        let outcome = with_context(global, |context| score_all::run(job, context))?;
+        answer(global.format, &outcome, || batch_table(&outcome))?;
+        return Ok(Verdict::failed_if(outcome.not_ok > 0));
+    }
     let document = with_context(global, |context| score::run(job, context))?;
     answer(global.format, &document, || as_table(&document))?;
     Ok(Verdict::failed_if(!document.passed))
+}
+
+fn batch_table(outcome: &BatchOutcome) -> comfy_table::Table {
+    let mut table = table(&[
+        "scene",
+        "method",
+        "precision",
+        "recall",
+        "F-score",
+        "status",
+    ]);
+    let said = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.4}"));
+    for row in &outcome.rows {
+        table.add_row([
+            row.scene.clone(),
+            row.method.clone(),
+            said(row.precision),
+            said(row.recall),
+            said(row.f_score),
+            row.status.clone(),
+        ]);
+    }
+    table
 }
 
 fn as_table(document: &ScoreDocument) -> comfy_table::Table {
@@ -126,5 +189,39 @@ fn as_table(document: &ScoreDocument) -> comfy_table::Table {
     };
     rows.push(("reconstruction", funnel(reconstruction)));
     rows.push(("truth", funnel(truth)));
+    if let Some(other) = &document.other_profile {
+        rows.push((
+            "by the other profile",
+            format!("{:.4} ({})", other.f_score, other.profile),
+        ));
+    }
+    if let Some(interval) = &document.confidence {
+        let (lower, upper) = (interval.lower, interval.upper);
+        rows.push(("95 % interval of F", format!("{lower:.4} … {upper:.4}")));
+    }
+    if let Some(spread) = &document.spread {
+        let seeds = spread.f_scores.len();
+        rows.push((
+            "over seeds",
+            format!("{:.4} … {:.4} ({seeds})", spread.min, spread.max),
+        ));
+    }
+    let failed: Vec<&str> = document
+        .gates
+        .iter()
+        .filter(|gate| !gate.passed)
+        .map(|gate| gate.code.as_str())
+        .collect();
+    if !document.gates.is_empty() {
+        let passed = document.gates.len() - failed.len();
+        rows.push((
+            "gates",
+            format!(
+                "{passed} of {} passed {}",
+                document.gates.len(),
+                failed.join(", ")
+            ),
+        ));
+    }
     pairs(&rows)
 }

@@ -14,6 +14,7 @@ mod out;
 pub mod render;
 pub mod report;
 pub mod score;
+pub mod score_all;
 
 pub use out::{OutDir, check_out_file, run_file_beside};
 

@@ -1,29 +1,28 @@
 //! `mvs-eval score`: truth + reconstruction → `score.json`, `scores.csv`, curves, error clouds.
 
+mod alignment;
 mod document;
 mod input;
 mod outputs;
 mod plan;
 mod row;
+mod work;
 
+pub use alignment::{Alignment, AlignmentSource, Residual, StageReport, TrajectoryReport};
 pub use document::{
-    Alignment, AlignmentSource, AtTolerance, Counts, Distances, Protocol, SCHEMA, ScoreDocument,
+    AtTolerance, Counts, Distances, OtherProfile, Protocol, SCHEMA, ScoreDocument, Spread,
 };
 
 use super::{Context, OutDir};
 use crate::error::Result;
 use crate::provenance::Run;
-use crate::score::plain::{self, Preparation};
-use crate::score::tnt::{self, Profile, Start};
-use crate::score::{Evaluation, points};
-use crate::warning::Warnings;
-use glam::DMat4;
-use mvs_datasets::layout::files;
-use mvs_datasets::layout::tnt::TntFolder;
-use mvs_metrics::Tolerance;
-use plan::{Plan, Truth};
+use crate::report::record::Record;
+use crate::score::sample::MeshAs;
+use crate::score::tnt::Profile;
+use plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use work::Work;
 
 /// How near camera centres must come in the official toolbox, in metres.
 const OFFICIAL_CAMERA_DISTANCE: f64 = 0.2;
@@ -36,10 +35,16 @@ pub struct ScoreJob {
     pub protocol: Protocol,
     /// The scene folder of the Tanks and Temples protocol.
     pub scene: Option<PathBuf>,
+    /// A folder of scene folders that are all scored; takes the place of one scene.
+    pub all: Option<PathBuf>,
+    /// A folder of method folders to be scored with `all`; by default they lie in the scene folders.
+    pub methods: Option<PathBuf>,
     /// The truth of the plain protocol.
     pub truth: Option<PathBuf>,
-    /// The reconstruction: a PLY cloud.
+    /// The reconstruction: a PLY cloud, or a PLY or OBJ mesh.
     pub reconstruction: PathBuf,
+    /// Which points stand for a mesh.
+    pub mesh_as: MeshAs,
     /// A 4×4 text file, reconstruction frame to truth frame; replaces the alignment.
     pub transform: Option<PathBuf>,
     /// The reconstruction's cameras as a `.log`; Tanks and Temples aligns by them.
@@ -62,6 +67,12 @@ pub struct ScoreJob {
     pub voxel: Option<f64>,
     /// Seed of everything drawn.
     pub seed: u64,
+    /// Resamples of the confidence interval of F; none without.
+    pub bootstrap: u32,
+    /// Seeds over which the F-score's spread is measured; none below 2.
+    pub seeds: u32,
+    /// Whether the other profile's score is left out.
+    pub one_profile: bool,
     /// How near a camera must come to its reference to agree, in world units of the truth.
     pub camera_distance: f64,
 }
@@ -71,8 +82,11 @@ impl Default for ScoreJob {
         Self {
             protocol: Protocol::Plain,
             scene: None,
+            all: None,
+            methods: None,
             truth: None,
             reconstruction: PathBuf::new(),
+            mesh_as: MeshAs::Area,
             transform: None,
             trajectory: None,
             refine: false,
@@ -84,6 +98,9 @@ impl Default for ScoreJob {
             crop: None,
             voxel: None,
             seed: 0,
+            bootstrap: 0,
+            seeds: 0,
+            one_profile: false,
             camera_distance: OFFICIAL_CAMERA_DISTANCE,
         }
     }
@@ -95,20 +112,12 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     let inputs: Vec<&Path> = plan.inputs.iter().map(PathBuf::as_path).collect();
     let run = Run::new("score", job, &inputs)?;
     let out = OutDir::create(&job.out, run, context.force)?;
-    let work = Work {
-        job,
-        plan: &plan,
-        context,
-        warnings: Warnings::default(),
-    };
-    let scored = match &plan.truth {
-        Truth::File(truth) => work.score_plain(truth)?,
-        Truth::Folder(folder) => work.score_tnt(folder)?,
-    };
+    let work = Work::new(job, &plan, context);
+    let scored = work.score()?;
     context.progress.check()?;
     context.progress.begin("writing", 1);
-    let document = work.document(&scored);
-    work.write(&out, &scored, &document)?;
+    let document = work.document(&scored)?;
+    outputs::write_all(&out, &scored.evaluation, &document)?;
     out.finish()?;
     for warning in &document.warnings {
         context.warnings.add(&warning.code, warning.message.clone());
@@ -116,117 +125,7 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     Ok(document)
 }
 
-/// A job under way.
-struct Work<'a> {
-    job: &'a ScoreJob,
-    plan: &'a Plan,
-    context: &'a Context<'a>,
-    warnings: Warnings,
-}
-
-/// A finished comparison, not yet written.
-struct Scored {
-    evaluation: Evaluation,
-    alignment: Alignment,
-    voxel: Option<f64>,
-}
-
-impl Work<'_> {
-    fn score_plain(&self, truth: &Path) -> Result<Scored> {
-        let (job, progress) = (self.job, self.context.progress);
-        progress.begin("reading", 1);
-        let crop = job.crop.as_deref().map(files::read_crop).transpose()?;
-        let preparation = Preparation {
-            crop: crop.as_ref().map(points::prism).transpose()?,
-            voxel: job.voxel,
-        };
-        let transform = job.transform.as_deref().map(files::read_similarity);
-        let transform = transform.transpose()?.map(|transform| transform.matrix());
-        let truth = input::read_points(truth, "truth", &self.warnings)?;
-        let reconstruction =
-            input::read_points(&job.reconstruction, "reconstruction", &self.warnings)?;
-        progress.check()?;
-        progress.begin("scoring", 1);
-        let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
-        let source = match transform {
-            Some(_) => AlignmentSource::Transform,
-            None => AlignmentSource::None,
-        };
-        Ok(Scored {
-            evaluation,
-            alignment: Alignment::new(source, transform.unwrap_or(DMat4::IDENTITY)),
-            voxel: job.voxel,
-        })
-    }
-
-    fn score_tnt(&self, folder: &TntFolder) -> Result<Scored> {
-        let progress = self.context.progress;
-        progress.begin("reading", 1);
-        let inputs = self.read_tnt(folder)?;
-        let options = tnt::Options {
-            profile: self.job.profile,
-            camera_distance: self.job.camera_distance,
-            seed: self.job.seed,
-        };
-        progress.check()?;
-        progress.begin("aligning", 1);
-        let motion = tnt::align(&inputs, &options)?;
-        progress.check()?;
-        progress.begin("scoring", 1);
-        let evaluation = tnt::evaluate(&inputs, motion.truth_from_reconstruction)?;
-        let source = match inputs.start {
-            Start::Trajectories(_) => AlignmentSource::Trajectory,
-            Start::Given(_) | Start::Refined(_) => AlignmentSource::Transform,
-        };
-        Ok(Scored {
-            evaluation,
-            alignment: Alignment::new(source, motion.truth_from_reconstruction),
-            voxel: Some(inputs.tolerance.get() / 2.0),
-        })
-    }
-
-    fn read_tnt(&self, folder: &TntFolder) -> Result<tnt::Inputs> {
-        let reconstruction = &self.job.reconstruction;
-        Ok(tnt::Inputs {
-            start: input::read_start(self.job, folder)?,
-            crop: points::prism(&folder.read_crop()?)?,
-            truth: input::read_points(&folder.truth, "truth", &self.warnings)?,
-            reconstruction: input::read_points(reconstruction, "reconstruction", &self.warnings)?,
-            tolerance: self.plan.tolerances[0],
-        })
-    }
-
-    fn document(&self, scored: &Scored) -> ScoreDocument {
-        let job = self.job;
-        let at = |&tolerance: &Tolerance| AtTolerance::of(&scored.evaluation, tolerance);
-        let by_tolerance: Vec<AtTolerance> = self.plan.tolerances.iter().map(at).collect();
-        let first = by_tolerance[0];
-        let method = || plan::stem_of(&job.reconstruction);
-        ScoreDocument {
-            schema: SCHEMA.to_owned(),
-            protocol: job.protocol,
-            profile: (job.protocol == Protocol::Tnt).then_some(job.profile),
-            scene: self.plan.scene.clone(),
-            method: job.method.clone().unwrap_or_else(method),
-            tolerance: first.tolerance,
-            precision: first.precision,
-            recall: first.recall,
-            f_score: first.f_score,
-            counts: first.counts,
-            by_tolerance,
-            distances: Distances::of(&scored.evaluation),
-            alignment: scored.alignment.clone(),
-            passed: true,
-            voxel: scored.voxel,
-            seed: job.seed,
-            warnings: self.warnings.sorted(),
-        }
-    }
-
-    fn write(&self, out: &OutDir, scored: &Scored, document: &ScoreDocument) -> Result<()> {
-        let first = self.plan.tolerances[0];
-        outputs::write_curves(out, &self.plan.scene, &scored.evaluation, first)?;
-        row::write(out, document)?;
-        out.write_json("score.json", document)
-    }
+/// The rows of `scores.csv`, one per tolerance.
+pub fn records(document: &ScoreDocument) -> Vec<Record> {
+    row::records(document)
 }

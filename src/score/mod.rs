@@ -4,11 +4,14 @@
 //! frame, [`tnt`] follows the Tanks and Temples toolbox by way of [`cameras`] and [`refine`]. Nothing
 //! here knows a path.
 
+pub mod bootstrap;
 pub mod cameras;
 pub mod evaluation;
+pub mod gates;
 pub mod plain;
 pub mod points;
 pub mod refine;
+pub mod sample;
 pub mod tnt;
 
 pub use evaluation::{Evaluation, Side, SideCounts};

@@ -7,6 +7,7 @@ use glam::{DMat3, DMat4, DVec3};
 use mvs_metrics::align::{Icp, IcpOptions, icp};
 use mvs_metrics::crop::Prism;
 use mvs_metrics::{Tolerance, downsample};
+use std::borrow::Cow;
 
 /// How many points the last stage leaves as they are (`MAX_POINT_NUMBER` of the toolbox).
 const MOST_POINTS: f64 = 4e6;
@@ -55,7 +56,7 @@ pub struct Stage {
 }
 
 /// Runs the three stages from `start`. A stage that finds nothing inside the crop volume has fitness
-/// 0 and is the last.
+/// 0 and is the last; one whose pairs fix no similarity has fitness 0 too.
 pub fn refine(
     reconstruction: &[DVec3],
     truth: &[DVec3],
@@ -69,10 +70,10 @@ pub fn refine(
     let mut stages = Vec::with_capacity(STAGES.len());
     for (thinning, reach) in STAGES {
         let moved = moved_and_cropped(reconstruction, Some(so_far), Some(crop));
-        let source = thinning.apply(moved, tolerance)?;
-        let target = thinning.apply(truth.clone(), tolerance)?;
+        let source = thinning.apply(&moved, tolerance)?;
+        let target = thinning.apply(&truth, tolerance)?;
         let options = options(profile, reach * tolerance.get(), tolerance);
-        let stage = run_stage(&source, &target, &options, so_far)?;
+        let stage = run_stage(&source, &target, &options, so_far);
         so_far = stage.truth_from_reconstruction;
         stages.push(stage);
         if source.is_empty() || target.is_empty() {
@@ -83,12 +84,12 @@ pub fn refine(
 }
 
 impl Thinning {
-    fn apply(self, points: Vec<DVec3>, tolerance: Tolerance) -> Result<Vec<DVec3>> {
+    fn apply(self, points: &[DVec3], tolerance: Tolerance) -> Result<Cow<'_, [DVec3]>> {
         Ok(match self {
-            Self::Voxel(edge) => downsample::voxel(&points, edge * tolerance.get())?,
+            Self::Voxel(edge) => downsample::voxel(points, edge * tolerance.get())?.into(),
             Self::Uniform => match uniform_step(points.len()) {
-                1 => points,
-                step => downsample::every_kth(&points, step)?,
+                1 => points.into(),
+                step => downsample::every_kth(points, step)?.into(),
             },
         })
     }
@@ -120,12 +121,7 @@ fn options(profile: Profile, max_distance: f64, tolerance: Tolerance) -> IcpOpti
     }
 }
 
-fn run_stage(
-    source: &[DVec3],
-    target: &[DVec3],
-    options: &IcpOptions,
-    so_far: DMat4,
-) -> Result<Stage> {
+fn run_stage(source: &[DVec3], target: &[DVec3], options: &IcpOptions, so_far: DMat4) -> Stage {
     let nothing = Icp {
         target_from_source: DMat4::IDENTITY,
         fitness: 0.0,
@@ -137,9 +133,10 @@ fn run_stage(
     let found = if source.is_empty() || target.is_empty() {
         nothing
     } else {
-        icp(source, target, options)?
+        // Pairs that fix no similarity, as those of a wrong log may, are as good as none.
+        icp(source, target, options).unwrap_or(nothing)
     };
-    Ok(Stage {
+    Stage {
         reconstruction_points: source.len(),
         truth_points: target.len(),
         max_distance: options.max_distance,
@@ -151,7 +148,7 @@ fn run_stage(
             .determinant()
             .cbrt(),
         truth_from_reconstruction: found.target_from_source * so_far,
-    })
+    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::plain::{self, Preparation};
 use super::points::FinitePoints;
 use super::refine::{Stage, refine};
 use crate::error::Result;
-use glam::DMat4;
+use glam::{DMat3, DMat4};
 use mvs_metrics::Tolerance;
 use mvs_metrics::crop::Prism;
 use serde::{Deserialize, Serialize};
@@ -125,6 +125,29 @@ pub fn align(inputs: &Inputs, options: &Options) -> Result<Motion> {
         stages,
         truth_from_reconstruction: last.unwrap_or(start),
     })
+}
+
+/// The scale at which the alignment starts: the truth's length of a unit of the reconstruction.
+pub fn start_scale(start: &Start, options: &Options) -> Result<f64> {
+    let motion = match start {
+        Start::Given(motion) | Start::Refined(motion) => *motion,
+        Start::Trajectories(trajectories) => {
+            let Options {
+                profile,
+                camera_distance,
+                seed,
+            } = *options;
+            cameras::fit(trajectories, profile, camera_distance, seed)?
+                .fit
+                .target_from_source
+        }
+    };
+    Ok(scale_of(motion))
+}
+
+/// The scale of a similarity.
+pub fn scale_of(motion: DMat4) -> f64 {
+    DMat3::from_mat4(motion).determinant().cbrt()
 }
 
 /// Judges the reconstruction at `truth_from_reconstruction`: moved, cropped in the frame of the

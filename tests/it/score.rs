@@ -1,4 +1,8 @@
-//! Scoring held to what Open3D 0.20 gave for a real pair of clouds.
+//! Scoring held to what Open3D 0.20 gave for a real pair of clouds and for scenes from formulas.
+
+mod fixture;
+mod official;
+mod plain;
 
 use mvs_eval::jobs::Context;
 use mvs_eval::jobs::score::{self, Protocol, ScoreDocument, ScoreJob};
@@ -33,6 +37,12 @@ fn run(job: &ScoreJob) -> mvs_eval::Result<ScoreDocument> {
     score::run(job, &context)
 }
 
+/// The names of the failed gates.
+fn failed(document: &ScoreDocument) -> Vec<&str> {
+    let failed = document.gates.iter().filter(|gate| !gate.passed);
+    failed.map(|gate| gate.code.as_str()).collect()
+}
+
 fn expected(folder: &Path) -> Value {
     let text = fs::read_to_string(folder.join("expected_o3d020.json")).unwrap();
     serde_json::from_str(&text).unwrap()
@@ -57,6 +67,7 @@ fn saharov(folder: &Path, out: &Path) -> ScoreJob {
         name: Some("saharov".into()),
         reconstruction: folder.join("rec/saharov_rec.ply"),
         tau: vec![0.03],
+        one_profile: true,
         out: out.to_path_buf(),
         ..ScoreJob::default()
     }

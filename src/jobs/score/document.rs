@@ -1,9 +1,12 @@
 //! What `score.json` says: the wire type of a score.
 
+use super::alignment::Alignment;
+use crate::score::bootstrap::Interval;
+use crate::score::gates::Gate;
+use crate::score::sample::MeshAs;
 use crate::score::tnt::Profile;
 use crate::score::{Evaluation, SideCounts};
 use crate::warning::Warning;
-use glam::DMat4;
 use mvs_metrics::Tolerance;
 use serde::{Deserialize, Serialize};
 
@@ -61,12 +64,48 @@ pub struct ScoreDocument {
     pub alignment: Alignment,
     /// Whether every gate was passed.
     pub passed: bool,
+    /// The gates, passed and failed; none in the plain protocol, which only warns.
+    pub gates: Vec<Gate>,
+    /// What the protocol's other profile gives from the same inputs.
+    pub other_profile: Option<OtherProfile>,
+    /// Confidence interval of F at the first tolerance, where asked for.
+    pub confidence: Option<Interval>,
+    /// F-scores of the same procedure over seeds, where asked for.
+    pub spread: Option<Spread>,
+    /// How a mesh was turned into points; none where the reconstruction was a cloud.
+    pub mesh_sampling: Option<MeshAs>,
     /// Edge of the voxels over which both clouds were averaged, in world units.
     pub voxel: Option<f64>,
     /// Seed of everything drawn.
     pub seed: u64,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+}
+
+/// The score by the profile that was not asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct OtherProfile {
+    /// That profile.
+    pub profile: Profile,
+    /// Its precision.
+    pub precision: f64,
+    /// Its recall.
+    pub recall: f64,
+    /// Its F-score.
+    pub f_score: f64,
+}
+
+/// How much the F-score depends on the seed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// F by seed, from the job's seed on.
+    pub f_scores: Vec<f64>,
+    /// The smallest.
+    pub min: f64,
+    /// The mean.
+    pub mean: f64,
+    /// The largest.
+    pub max: f64,
 }
 
 /// Counts of both sides.
@@ -106,50 +145,6 @@ pub struct Distances {
     pub truth_median: Option<f64>,
 }
 
-/// How the reconstruction came into the frame of the truth.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Alignment {
-    /// Where the start came from.
-    pub source: AlignmentSource,
-    /// The motion applied before counting, row by row.
-    pub truth_from_reconstruction: [[f64; 4]; 4],
-    /// Its scale.
-    pub scale: f64,
-}
-
-/// Where the alignment's start came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum AlignmentSource {
-    /// Both clouds share a frame.
-    None,
-    /// A transform given by the user.
-    Transform,
-    /// The camera trajectories.
-    Trajectory,
-}
-
-impl Alignment {
-    /// An alignment by `truth_from_reconstruction`.
-    pub fn new(source: AlignmentSource, truth_from_reconstruction: DMat4) -> Self {
-        Self {
-            source,
-            truth_from_reconstruction: rows_of(truth_from_reconstruction),
-            scale: scale_of(truth_from_reconstruction),
-        }
-    }
-}
-
-/// A matrix as rows.
-pub(super) fn rows_of(matrix: DMat4) -> [[f64; 4]; 4] {
-    matrix.transpose().to_cols_array_2d()
-}
-
-/// The scale of a similarity.
-pub(super) fn scale_of(matrix: DMat4) -> f64 {
-    glam::DMat3::from_mat4(matrix).determinant().cbrt()
-}
-
 impl AtTolerance {
     /// What an evaluation says at a tolerance.
     pub fn of(evaluation: &Evaluation, tolerance: Tolerance) -> Self {
@@ -177,25 +172,5 @@ impl Distances {
             truth_mean: evaluation.truth.mean_distance(),
             truth_median: evaluation.truth.median_distance(),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::{DQuat, DVec3};
-
-    #[test]
-    fn a_matrix_is_written_row_by_row_with_its_scale() {
-        let rotation = DQuat::from_rotation_z(0.3);
-        let translation = DVec3::new(1.0, 2.0, 3.0);
-        let matrix =
-            DMat4::from_scale_rotation_translation(DVec3::splat(2.0), rotation, translation);
-        let alignment = Alignment::new(AlignmentSource::Transform, matrix);
-        let rows = alignment.truth_from_reconstruction;
-        assert_eq!([rows[0][3], rows[1][3], rows[2][3]], [1.0, 2.0, 3.0]);
-        assert_eq!(rows[3], [0.0, 0.0, 0.0, 1.0]);
-        assert!((alignment.scale - 2.0).abs() < 1e-15);
-        assert!(rows[1][0] > 0.0 && rows[0][1] < 0.0);
     }
 }

@@ -1,18 +1,73 @@
 //! The files beside `score.json`, under the official toolbox's names.
 
-use super::super::OutDir;
+use super::document::ScoreDocument;
+use super::row;
 use crate::error::Result;
-use crate::score::Evaluation;
+use crate::jobs::OutDir;
+use crate::report::curve_svg::{self, Curves};
+use crate::report::{colormap, record};
+use crate::score::{Evaluation, Side};
+use mvs_datasets::format::ply::{self, PlyOptions, ScalarColumn};
+use mvs_datasets::scene::PointCloud;
 use mvs_metrics::{Curve, Tolerance};
 use std::io::Write;
 
 /// How far past τ the toolbox plots, in τ; it is written into its files.
 const STRETCH: f64 = 5.0;
+/// The distance that gets the last colour, in τ.
+const COLOR_STRETCH: f64 = 3.0;
+
+/// Writes every file but `run.toml`.
+pub(super) fn write_all(
+    out: &OutDir,
+    evaluation: &Evaluation,
+    document: &ScoreDocument,
+) -> Result<()> {
+    let (scene, tolerance) = (&document.scene, Tolerance::new(document.tolerance)?);
+    write_curves(out, scene, evaluation, tolerance)?;
+    write_plot(out, document, evaluation, tolerance)?;
+    let clouds = [
+        ("precision", &evaluation.reconstruction),
+        ("recall", &evaluation.truth),
+    ];
+    for (name, side) in clouds {
+        write_errors(out, &format!("{scene}.{name}.ply"), side, tolerance)?;
+    }
+    out.write("scores.csv", |file| {
+        record::write(file, &row::records(document))
+    })?;
+    out.write_json("score.json", document)
+}
+
+/// Writes the judged points of a side, coloured by `hot_r` of min(d, 3τ)/3τ as the toolbox does, with
+/// the distance d itself as a scalar `error` in world units.
+fn write_errors(out: &OutDir, name: &str, side: &Side, tolerance: Tolerance) -> Result<()> {
+    let reach = COLOR_STRETCH * tolerance.get();
+    let color = |&distance: &f64| colormap::hot_r(distance.min(reach) / reach);
+    let errors: Vec<f32> = side
+        .distances
+        .iter()
+        .map(|&distance| distance as f32)
+        .collect();
+    let cloud = PointCloud::new(side.points.clone())
+        .with_colors(side.distances.iter().map(color).collect())?;
+    let scalars = [ScalarColumn {
+        name: "error",
+        values: &errors,
+    }];
+    let options = PlyOptions {
+        double: true,
+        ..PlyOptions::default()
+    };
+    out.write(name, |file| {
+        ply::write_cloud(file, &cloud, &scalars, &options)
+    })
+}
 
 /// Writes the cumulative curves (`<Scene>.precision.txt`, `<Scene>.recall.txt`) and precision,
 /// recall, F-score, τ and stretch (`<Scene>.prf_tau_plotstr.txt`) as the toolbox does: a number per
 /// line in C's `%.18e`.
-pub(super) fn write_curves(
+fn write_curves(
     out: &OutDir,
     scene: &str,
     evaluation: &Evaluation,
@@ -34,6 +89,32 @@ pub(super) fn write_curves(
         STRETCH,
     ];
     write_numbers(out, &format!("{scene}.prf_tau_plotstr.txt"), &summary)
+}
+
+/// Draws the curves as `PR_<Scene>_@d_th_0_<τ in tenths of a millimetre>.svg`, the toolbox's name.
+fn write_plot(
+    out: &OutDir,
+    document: &ScoreDocument,
+    evaluation: &Evaluation,
+    tolerance: Tolerance,
+) -> Result<()> {
+    let (precision, recall) = evaluation.curves(tolerance);
+    let title = format!(
+        "Precision and recall: {}, {:.2} % F-score",
+        document.scene,
+        100.0 * document.f_score
+    );
+    let svg = curve_svg::svg(&Curves {
+        title: &title,
+        tau: tolerance.get(),
+        unit: row::unit_of(document.protocol),
+        distances: &precision.edges()[1..],
+        precision: &fractions(&precision),
+        recall: &fractions(&recall),
+    })?;
+    let tenths = (tolerance.get() * 1e4) as u64;
+    let name = format!("PR_{}_@d_th_0_{tenths:04}.svg", document.scene);
+    out.write(name, |file| file.write_all(svg.as_bytes()))
 }
 
 fn fractions(curve: &Curve) -> Vec<f64> {

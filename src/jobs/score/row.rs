@@ -1,62 +1,78 @@
-//! `scores.csv`: a row per tolerance.
+//! A score as the rows of `scores.csv`.
 
-use super::document::{AtTolerance, ScoreDocument};
-use crate::error::{Error, Result};
-use crate::jobs::OutDir;
+use super::document::{AtTolerance, Protocol, ScoreDocument};
+use crate::report::record::Record;
 
-const HEADER: [&str; 16] = [
-    "protocol",
-    "profile",
-    "method",
-    "scene",
-    "threshold",
-    "precision",
-    "recall",
-    "fscore",
-    "n_rec_in",
-    "n_rec_crop",
-    "n_rec_eval",
-    "n_truth_in",
-    "n_truth_crop",
-    "n_truth_eval",
-    "align_scale",
-    "tool_version",
-];
-
-/// Writes the file.
-pub(super) fn write(out: &OutDir, document: &ScoreDocument) -> Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let failed = |error: csv::Error| Error::invalid("scores.csv", error.to_string());
-    writer.write_record(HEADER).map_err(failed)?;
-    for at in &document.by_tolerance {
-        writer.write_record(fields(document, at)).map_err(failed)?;
-    }
-    let bytes = writer
-        .into_inner()
-        .map_err(|error| Error::invalid("scores.csv", error.to_string()))?;
-    out.write("scores.csv", |file| std::io::Write::write_all(file, &bytes))
+/// One row per tolerance.
+pub(super) fn records(document: &ScoreDocument) -> Vec<Record> {
+    let rows = document.by_tolerance.iter();
+    rows.map(|at| record(document, at)).collect()
 }
 
-fn fields(document: &ScoreDocument, at: &AtTolerance) -> [String; 16] {
+fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
     let (reconstruction, truth) = (at.counts.reconstruction, at.counts.truth);
-    [
-        document.protocol.to_string(),
-        document
-            .profile
-            .map_or_else(String::new, |profile| profile.to_string()),
-        document.method.clone(),
-        document.scene.clone(),
-        at.tolerance.to_string(),
-        at.precision.to_string(),
-        at.recall.to_string(),
-        at.f_score.to_string(),
-        reconstruction.input.to_string(),
-        reconstruction.cropped.to_string(),
-        reconstruction.evaluated.to_string(),
-        truth.input.to_string(),
-        truth.cropped.to_string(),
-        truth.evaluated.to_string(),
-        document.alignment.scale.to_string(),
-        crate::provenance::VERSION.to_owned(),
-    ]
+    let first = at.tolerance.to_bits() == document.tolerance.to_bits();
+    let confidence = document.confidence.filter(|_| first);
+    let distances = document.distances;
+    let alignment = &document.alignment;
+    let trajectory = alignment.trajectory.as_ref();
+    let last = alignment.icp.last();
+    let mean = |a: Option<f64>, b: Option<f64>| Some((a? + b?) / 2.0);
+    let updates = alignment.icp.iter().map(|stage| stage.iterations as u64);
+    let profile = document.profile.map(|profile| profile.to_string());
+    let mesh = document.mesh_sampling.map(|mesh_as| mesh_as.to_string());
+    Record {
+        protocol: document.protocol.to_string(),
+        profile: profile.unwrap_or_default(),
+        method: document.method.clone(),
+        scene: document.scene.clone(),
+        threshold: Some(at.tolerance),
+        unit: unit_of(document.protocol).into(),
+        precision: Some(at.precision),
+        recall: Some(at.recall),
+        fscore: Some(at.f_score),
+        acc_mean: distances.reconstruction_mean,
+        acc_median: distances.reconstruction_median,
+        comp_mean: distances.truth_mean,
+        comp_median: distances.truth_median,
+        overall: mean(distances.reconstruction_mean, distances.truth_mean),
+        f_ci_lo: confidence.map(|interval| interval.lower),
+        f_ci_hi: confidence.map(|interval| interval.upper),
+        n_rec_in: Some(reconstruction.input as u64),
+        n_rec_crop: Some(reconstruction.cropped as u64),
+        n_rec_eval: Some(reconstruction.evaluated as u64),
+        n_truth_in: Some(truth.input as u64),
+        n_truth_crop: Some(truth.cropped as u64),
+        n_truth_eval: Some(truth.evaluated as u64),
+        align: alignment.source.name().into(),
+        align_scale: Some(alignment.scale),
+        traj_inliers: trajectory.map(|report| report.inliers as u64),
+        traj_rmse: trajectory.map(|report| report.rmse),
+        icp_fitness: last.map(|stage| stage.fitness),
+        icp_rmse: last.map(|stage| stage.rmse),
+        icp_iterations: last.map(|_| updates.sum()),
+        mesh_sampling: mesh.unwrap_or_default(),
+        seed: Some(document.seed),
+        status: status_of(document),
+        tool_version: crate::provenance::VERSION.into(),
+        ..Record::default()
+    }
+}
+
+/// Tanks and Temples is in metres; other truths are in whatever unit they came in.
+pub(super) fn unit_of(protocol: Protocol) -> &'static str {
+    match protocol {
+        Protocol::Tnt => "m",
+        Protocol::Plain => "world",
+    }
+}
+
+/// `ok`, or the failed gates.
+fn status_of(document: &ScoreDocument) -> String {
+    let failed = document.gates.iter().filter(|gate| !gate.passed);
+    let failed: Vec<&str> = failed.map(|gate| gate.code.as_str()).collect();
+    if failed.is_empty() {
+        return "ok".to_owned();
+    }
+    format!("gate: {}", failed.join(" "))
 }

@@ -1,0 +1,318 @@
+//! A score job under way: read, align, judge, check.
+
+use super::ScoreJob;
+use super::alignment::{Alignment, AlignmentSource};
+use super::document::{
+    AtTolerance, Distances, OtherProfile, Protocol, SCHEMA, ScoreDocument, Spread,
+};
+use super::input::{self, Surface};
+use super::plan::{self, Plan, Truth};
+use crate::error::Result;
+use crate::jobs::Context;
+use crate::score::gates::{self, Gate};
+use crate::score::plain::{self, Preparation};
+use crate::score::points::{self, FinitePoints};
+use crate::score::sample::MeshAs;
+use crate::score::tnt::{self, Motion, Profile, Start};
+use crate::score::{Evaluation, bootstrap};
+use crate::warning::Warnings;
+use glam::{DMat4, DVec3};
+use mvs_datasets::layout::files;
+use mvs_datasets::layout::tnt::TntFolder;
+use mvs_datasets::scene::Aabb;
+use mvs_metrics::Tolerance;
+use std::path::Path;
+
+/// Profiles whose F-scores differ by more than this are both reported.
+const PROFILES_DIFFER: f64 = 0.002;
+
+/// A job under way.
+pub(super) struct Work<'a> {
+    job: &'a ScoreJob,
+    plan: &'a Plan,
+    context: &'a Context<'a>,
+    warnings: Warnings,
+}
+
+/// A finished comparison, not yet written.
+pub(super) struct Scored {
+    pub(super) evaluation: Evaluation,
+    alignment: Alignment,
+    gates: Vec<Gate>,
+    other_profile: Option<OtherProfile>,
+    spread: Option<Spread>,
+    mesh_sampling: Option<MeshAs>,
+    voxel: Option<f64>,
+}
+
+impl<'a> Work<'a> {
+    pub(super) fn new(job: &'a ScoreJob, plan: &'a Plan, context: &'a Context<'a>) -> Self {
+        Self {
+            job,
+            plan,
+            context,
+            warnings: Warnings::default(),
+        }
+    }
+
+    /// Reads everything and judges it.
+    pub(super) fn score(&self) -> Result<Scored> {
+        self.context.progress.begin("reading", 1);
+        match &self.plan.truth {
+            Truth::File(truth) => self.score_plain(truth),
+            Truth::Folder(folder) => self.score_tnt(folder),
+        }
+    }
+
+    fn score_plain(&self, truth: &Path) -> Result<Scored> {
+        let job = self.job;
+        let crop = job.crop.as_deref().map(files::read_crop).transpose()?;
+        let preparation = Preparation {
+            crop: crop.as_ref().map(points::prism).transpose()?,
+            voxel: job.voxel,
+        };
+        let transform = job.transform.as_deref().map(files::read_similarity);
+        let transform = transform.transpose()?.map(|transform| transform.matrix());
+        let truth = input::read(truth, "truth", &self.warnings)?;
+        let truth = self.points_of(truth, 1.0)?.0;
+        let (reconstruction, mesh_sampling, mesh_gate) =
+            self.read_reconstruction(|| Ok(transform.map_or(1.0, tnt::scale_of)))?;
+        self.next("scoring")?;
+        let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
+        let motion = transform.unwrap_or(DMat4::IDENTITY);
+        let mut checks: Vec<Gate> = mesh_gate.into_iter().collect();
+        checks.extend(self.gates_of_place(&evaluation, &reconstruction, &truth, motion)?);
+        // The user says that the clouds share a frame: what looks wrong is advice here.
+        self.warn_of(&checks);
+        let source = match transform {
+            Some(_) => AlignmentSource::Transform,
+            None => AlignmentSource::None,
+        };
+        Ok(Scored {
+            evaluation,
+            alignment: Alignment::new(source, motion),
+            gates: Vec::new(),
+            other_profile: None,
+            spread: None,
+            mesh_sampling,
+            voxel: job.voxel,
+        })
+    }
+
+    fn score_tnt(&self, folder: &TntFolder) -> Result<Scored> {
+        let profile = self.job.profile;
+        let (inputs, mesh_sampling, mesh_gate) = self.read_tnt(folder)?;
+        self.next("aligning")?;
+        let motion = tnt::align(&inputs, &self.options(profile, self.job.seed))?;
+        self.next("scoring")?;
+        let evaluation = tnt::evaluate(&inputs, motion.truth_from_reconstruction)?;
+        self.next("checking")?;
+        let mut gates: Vec<Gate> = mesh_gate.into_iter().collect();
+        gates.extend(self.gates_of_motion(&motion));
+        gates.extend(self.gates_of_place(
+            &evaluation,
+            &inputs.reconstruction,
+            &inputs.truth,
+            motion.truth_from_reconstruction,
+        )?);
+        self.warn_of(&gates);
+        let aligned = !matches!(inputs.start, Start::Given(_));
+        let other_profile = if aligned && !self.job.one_profile {
+            self.other_profile(&inputs, &evaluation)?
+        } else {
+            None
+        };
+        let source = match inputs.start {
+            Start::Trajectories(_) => AlignmentSource::Trajectory,
+            Start::Given(_) | Start::Refined(_) => AlignmentSource::Transform,
+        };
+        Ok(Scored {
+            alignment: Alignment::found(source, &motion, profile),
+            gates,
+            other_profile,
+            spread: self.spread(&inputs, &evaluation)?,
+            mesh_sampling,
+            voxel: Some(inputs.tolerance.get() / 2.0),
+            evaluation,
+        })
+    }
+
+    fn options(&self, profile: Profile, seed: u64) -> tnt::Options {
+        tnt::Options {
+            profile,
+            camera_distance: self.job.camera_distance,
+            seed,
+        }
+    }
+
+    fn next(&self, stage: &str) -> Result<()> {
+        self.context.progress.check()?;
+        self.context.progress.begin(stage, 1);
+        Ok(())
+    }
+
+    fn read_tnt(&self, folder: &TntFolder) -> Result<(tnt::Inputs, Option<MeshAs>, Option<Gate>)> {
+        let start = input::read_start(self.job, folder)?;
+        let crop = points::prism(&folder.read_crop()?)?;
+        let truth = input::finite(folder.read_truth()?, &folder.truth, "truth", &self.warnings)?;
+        let options = self.options(self.job.profile, self.job.seed);
+        let (reconstruction, mesh_sampling, gate) =
+            self.read_reconstruction(|| tnt::start_scale(&start, &options))?;
+        let inputs = tnt::Inputs {
+            reconstruction,
+            truth,
+            crop,
+            tolerance: self.plan.tolerances[0],
+            start,
+        };
+        Ok((inputs, mesh_sampling, gate))
+    }
+
+    /// The reconstruction's points; for a mesh also how they were chosen, and a gate on that.
+    /// `scale` is asked for the truth's length of a unit of the mesh.
+    fn read_reconstruction(
+        &self,
+        scale: impl FnOnce() -> Result<f64>,
+    ) -> Result<(FinitePoints, Option<MeshAs>, Option<Gate>)> {
+        let surface = input::read(&self.job.reconstruction, "reconstruction", &self.warnings)?;
+        let Surface::Mesh(_) = &surface else {
+            return Ok((self.points_of(surface, 1.0)?.0, None, None));
+        };
+        let (points, gate) = self.points_of(surface, scale()?)?;
+        Ok((points, Some(self.job.mesh_as), gate))
+    }
+
+    /// The points of a cloud as they are, of a mesh as the job wants them: sampled for the smallest
+    /// tolerance.
+    fn points_of(&self, surface: Surface, scale: f64) -> Result<(FinitePoints, Option<Gate>)> {
+        let tau = self.plan.tolerances.iter().map(|tolerance| tolerance.get());
+        let tau = tau.fold(f64::INFINITY, f64::min);
+        surface.into_points(self.job.mesh_as, tau / scale, self.job.seed)
+    }
+
+    fn gates_of_motion(&self, motion: &Motion) -> Vec<Gate> {
+        let cameras = motion.cameras.as_ref();
+        let cameras = cameras.map(|fit| gates::of_cameras(fit, self.job.camera_distance));
+        let mut all = cameras.unwrap_or_default();
+        all.extend(gates::of_stages(&motion.stages));
+        all
+    }
+
+    /// Whether the clouds, once moved, lie where they should.
+    fn gates_of_place(
+        &self,
+        evaluation: &Evaluation,
+        reconstruction: &FinitePoints,
+        truth: &FinitePoints,
+        motion: DMat4,
+    ) -> Result<Vec<Gate>> {
+        let moved = reconstruction.positions().iter();
+        let moved = Aabb::around(moved.map(|&point: &DVec3| motion.transform_point3(point)));
+        let truth = Aabb::around(truth.positions().iter().copied());
+        Ok(vec![
+            gates::of_crop(evaluation, &moved, &truth),
+            gates::of_tolerances(evaluation, self.plan.tolerances[0])?,
+        ])
+    }
+
+    fn warn_of(&self, gates: &[Gate]) {
+        for gate in gates.iter().filter(|gate| !gate.passed) {
+            self.warnings.add(&gate.code, gate.message.clone());
+        }
+    }
+
+    /// The other profile's score; none, and a warning, where it cannot be computed.
+    fn other_profile(
+        &self,
+        inputs: &tnt::Inputs,
+        evaluation: &Evaluation,
+    ) -> Result<Option<OtherProfile>> {
+        let profile = match self.job.profile {
+            Profile::Official => Profile::Strict,
+            Profile::Strict => Profile::Official,
+        };
+        self.next(&format!("comparing with {profile}"))?;
+        let motion = match tnt::align(inputs, &self.options(profile, self.job.seed)) {
+            Ok(motion) => motion,
+            Err(error) => {
+                let message = format!("the {profile} profile gives no score: {error}");
+                self.warnings.add("other-profile-failed", message);
+                return Ok(None);
+            }
+        };
+        let other = tnt::evaluate(inputs, motion.truth_from_reconstruction)?;
+        let score = other.score(inputs.tolerance);
+        let (ours, theirs) = (
+            evaluation.score(inputs.tolerance).f_score(),
+            score.f_score(),
+        );
+        if (ours - theirs).abs() > PROFILES_DIFFER {
+            let message = format!(
+                "F is {ours:.4} by the {} profile and {theirs:.4} by the {profile} profile",
+                self.job.profile
+            );
+            self.warnings.add("profiles-differ", message);
+        }
+        Ok(Some(OtherProfile {
+            profile,
+            precision: score.precision(),
+            recall: score.recall(),
+            f_score: theirs,
+        }))
+    }
+
+    /// F over seeds, the evaluated one first.
+    fn spread(&self, inputs: &tnt::Inputs, evaluation: &Evaluation) -> Result<Option<Spread>> {
+        if self.job.seeds < 2 {
+            return Ok(None);
+        }
+        let mut f_scores = vec![evaluation.score(inputs.tolerance).f_score()];
+        for nth in 1..u64::from(self.job.seeds) {
+            self.next(&format!("seed {nth}"))?;
+            let options = self.options(self.job.profile, self.job.seed.wrapping_add(nth));
+            let motion = tnt::align(inputs, &options)?;
+            let evaluation = tnt::evaluate(inputs, motion.truth_from_reconstruction)?;
+            f_scores.push(evaluation.score(inputs.tolerance).f_score());
+        }
+        Ok(Some(Spread {
+            min: f_scores.iter().copied().fold(f64::INFINITY, f64::min),
+            mean: f_scores.iter().sum::<f64>() / f_scores.len() as f64,
+            max: f_scores.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            f_scores,
+        }))
+    }
+
+    /// The content of `score.json`.
+    pub(super) fn document(&self, scored: &Scored) -> Result<ScoreDocument> {
+        let job = self.job;
+        let at = |&tolerance: &Tolerance| AtTolerance::of(&scored.evaluation, tolerance);
+        let by_tolerance: Vec<AtTolerance> = self.plan.tolerances.iter().map(at).collect();
+        let first = by_tolerance[0];
+        let tolerance = self.plan.tolerances[0];
+        let method = || plan::stem_of(&job.reconstruction);
+        Ok(ScoreDocument {
+            schema: SCHEMA.to_owned(),
+            protocol: job.protocol,
+            profile: (job.protocol == Protocol::Tnt).then_some(job.profile),
+            scene: self.plan.scene.clone(),
+            method: job.method.clone().unwrap_or_else(method),
+            tolerance: first.tolerance,
+            precision: first.precision,
+            recall: first.recall,
+            f_score: first.f_score,
+            counts: first.counts,
+            by_tolerance,
+            distances: Distances::of(&scored.evaluation),
+            alignment: scored.alignment.clone(),
+            passed: scored.gates.iter().all(|gate| gate.passed),
+            gates: scored.gates.clone(),
+            other_profile: scored.other_profile,
+            confidence: bootstrap::interval(&scored.evaluation, tolerance, job.bootstrap, job.seed),
+            spread: scored.spread.clone(),
+            mesh_sampling: scored.mesh_sampling,
+            voxel: scored.voxel,
+            seed: job.seed,
+            warnings: self.warnings.sorted(),
+        })
+    }
+}

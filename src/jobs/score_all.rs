@@ -1,0 +1,294 @@
+//! `mvs-eval score --all`: every scene and method under a folder, going on after failures.
+
+use super::score::{self, Protocol, ScoreDocument, ScoreJob};
+use super::{Context, OutDir};
+use crate::error::{Error, Result};
+use crate::provenance::{Run, VERSION};
+use crate::report::record::{self, Record};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What a file name ends in that names its folder a scene's.
+const SCENE_MARK: &str = "_trans.txt";
+
+/// What became of every scene and method.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BatchOutcome {
+    /// By scene, then by method.
+    pub rows: Vec<BatchRow>,
+    /// How many rows are not `ok`.
+    pub not_ok: usize,
+}
+
+/// What became of one scene and method.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BatchRow {
+    /// The scene.
+    pub scene: String,
+    /// The method.
+    pub method: String,
+    /// Fraction of the reconstruction that is right; none where scoring failed.
+    pub precision: Option<f64>,
+    /// Fraction of the truth that was found.
+    pub recall: Option<f64>,
+    /// 2PR / (P + R).
+    pub f_score: Option<f64>,
+    /// `ok`, the failed gates, or why there is no score.
+    pub status: String,
+}
+
+/// A scene folder.
+#[derive(Debug, Clone, PartialEq)]
+struct SceneFolder {
+    path: PathBuf,
+    name: String,
+}
+
+/// One reconstruction to be scored, or why it cannot be.
+#[derive(Debug)]
+struct Task {
+    scene: SceneFolder,
+    method: String,
+    files: Result<Files>,
+}
+
+/// A reconstruction and how it is aligned.
+#[derive(Debug, Clone, PartialEq)]
+struct Files {
+    reconstruction: PathBuf,
+    trajectory: Option<PathBuf>,
+    transform: Option<PathBuf>,
+}
+
+/// Scores everything that `job.all` holds. Scene folders are `ROOT/<folder>/` with the files of a
+/// Tanks and Temples scene. Methods are their sub-folders with one `.ply` and one `.log` (or one 4×4
+/// `.txt`), or, with `job.methods`, `METHODS/<method>/<Scene>.ply` beside `<Scene>.log` (or `.txt`).
+///
+/// Results go to `OUT/<scene>/<method>/`, all rows to `OUT/scores.csv`; a failure is a row that says
+/// why. An error where nothing is found to score.
+pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
+    let root = job.all.as_deref().unwrap_or(Path::new("."));
+    let tasks = find_tasks(root, job.methods.as_deref())?;
+    let out = OutDir::create(&job.out, Run::new("score", job, &[])?, context.force)?;
+    // What lies in a fresh folder was made by this batch.
+    let inner = Context {
+        force: true,
+        ..*context
+    };
+    let mut records = Vec::new();
+    let mut rows = Vec::new();
+    for task in tasks {
+        context.progress.check()?;
+        let (scene, method) = (task.scene.name.clone(), task.method.clone());
+        let scored = match score_task(job, task, &out, &inner) {
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
+            scored => scored,
+        };
+        let (of_task, row) = reported(job, scene, method, scored);
+        records.extend(of_task);
+        rows.push(row);
+    }
+    out.write("scores.csv", |file| record::write(file, &records))?;
+    out.finish()?;
+    let not_ok = rows.iter().filter(|row| row.status != "ok").count();
+    Ok(BatchOutcome { rows, not_ok })
+}
+
+fn score_task(
+    job: &ScoreJob,
+    task: Task,
+    out: &OutDir,
+    context: &Context<'_>,
+) -> Result<ScoreDocument> {
+    let files = task.files?;
+    let folder = Path::new(&task.scene.name).join(&task.method);
+    let job = ScoreJob {
+        all: None,
+        methods: None,
+        protocol: Protocol::Tnt,
+        scene: Some(task.scene.path),
+        name: Some(task.scene.name),
+        method: Some(task.method),
+        reconstruction: files.reconstruction,
+        trajectory: files.trajectory,
+        transform: files.transform,
+        out: out.file(folder),
+        ..job.clone()
+    };
+    score::run(&job, context)
+}
+
+fn reported(
+    job: &ScoreJob,
+    scene: String,
+    method: String,
+    scored: Result<ScoreDocument>,
+) -> (Vec<Record>, BatchRow) {
+    match scored {
+        Ok(document) => {
+            let records = score::records(&document);
+            let row = BatchRow {
+                scene,
+                method,
+                precision: Some(document.precision),
+                recall: Some(document.recall),
+                f_score: Some(document.f_score),
+                status: records
+                    .first()
+                    .map_or_else(String::new, |record| record.status.clone()),
+            };
+            (records, row)
+        }
+        Err(error) => {
+            let status = format!("failed: {error}");
+            let record = Record {
+                protocol: Protocol::Tnt.to_string(),
+                profile: job.profile.to_string(),
+                method: method.clone(),
+                scene: scene.clone(),
+                seed: Some(job.seed),
+                status: status.clone(),
+                tool_version: VERSION.into(),
+                ..Record::default()
+            };
+            let row = BatchRow {
+                scene,
+                method,
+                precision: None,
+                recall: None,
+                f_score: None,
+                status,
+            };
+            (vec![record], row)
+        }
+    }
+}
+
+fn find_tasks(root: &Path, methods: Option<&Path>) -> Result<Vec<Task>> {
+    let mut scenes = Vec::new();
+    for folder in folders_of(root)? {
+        let names = files_of(&folder)?.into_iter().filter_map(|file| {
+            let name = file.file_name()?.to_str()?.strip_suffix(SCENE_MARK)?;
+            Some(name.to_owned())
+        });
+        scenes.extend(names.map(|name| SceneFolder {
+            path: folder.clone(),
+            name,
+        }));
+    }
+    let mut tasks = Vec::new();
+    for scene in &scenes {
+        match methods {
+            Some(methods) => tasks.extend(submitted(scene, methods)?),
+            None => tasks.extend(beside(scene)?),
+        }
+    }
+    if tasks.is_empty() {
+        let problem = format!(
+            "expected scene folders with <Scene>{SCENE_MARK} and methods in them or under --methods, \
+             found {} scenes and no method",
+            scenes.len()
+        );
+        return Err(Error::invalid(root.display().to_string(), problem));
+    }
+    Ok(tasks)
+}
+
+/// `METHODS/<method>/<Scene>.ply` with `<Scene>.log` or `<Scene>.txt` for every method.
+fn submitted(scene: &SceneFolder, methods: &Path) -> Result<Vec<Task>> {
+    let task = |folder: PathBuf| {
+        let file = |extension: &str| folder.join(format!("{}.{extension}", scene.name));
+        let there = |extension: &str| Some(file(extension)).filter(|path| path.is_file());
+        let files = match there("ply") {
+            Some(reconstruction) => aligned(reconstruction, there("log"), there("txt"), &folder),
+            None => Err(missing(&folder, &format!("{}.ply", scene.name))),
+        };
+        Task {
+            scene: scene.clone(),
+            method: name_of(&folder),
+            files,
+        }
+    };
+    Ok(folders_of(methods)?.into_iter().map(task).collect())
+}
+
+/// The sub-folders of a scene with a cloud or a log in them.
+fn beside(scene: &SceneFolder) -> Result<Vec<Task>> {
+    let mut tasks = Vec::new();
+    for folder in folders_of(&scene.path)? {
+        let files = files_of(&folder)?;
+        let ending = |extension: &str| -> Vec<&PathBuf> {
+            let has = |file: &&PathBuf| file.extension().is_some_and(|found| found == extension);
+            files.iter().filter(has).collect()
+        };
+        let only = |extension: &str| match ending(extension).as_slice() {
+            [one] => Some((*one).clone()),
+            _ => None,
+        };
+        if ending("ply").is_empty() && ending("log").is_empty() {
+            continue;
+        }
+        let files = match only("ply") {
+            Some(reconstruction) => aligned(reconstruction, only("log"), only("txt"), &folder),
+            None => Err(missing(&folder, ".ply that is the only one")),
+        };
+        tasks.push(Task {
+            scene: scene.clone(),
+            method: name_of(&folder),
+            files,
+        });
+    }
+    Ok(tasks)
+}
+
+fn aligned(
+    reconstruction: PathBuf,
+    trajectory: Option<PathBuf>,
+    transform: Option<PathBuf>,
+    folder: &Path,
+) -> Result<Files> {
+    if trajectory.is_none() && transform.is_none() {
+        return Err(missing(
+            folder,
+            ".log of its cameras and no .txt with its transform",
+        ));
+    }
+    Ok(Files {
+        transform: transform.filter(|_| trajectory.is_none()),
+        reconstruction,
+        trajectory,
+    })
+}
+
+fn missing(folder: &Path, what: &str) -> Error {
+    Error::invalid(folder.display().to_string(), format!("found no {what}"))
+}
+
+fn name_of(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+fn folders_of(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut all = entries_of(folder)?;
+    all.retain(|path| path.is_dir());
+    Ok(all)
+}
+
+fn files_of(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut all = entries_of(folder)?;
+    all.retain(|path| path.is_file());
+    Ok(all)
+}
+
+/// Everything in `folder`, by name.
+fn entries_of(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).map_err(mvs_datasets::Error::io(folder, "read"))?;
+    let mut paths = Vec::new();
+    for entry in entries {
+        let entry = entry.map_err(mvs_datasets::Error::io(folder, "read"))?;
+        paths.push(entry.path());
+    }
+    paths.sort();
+    Ok(paths)
+}
