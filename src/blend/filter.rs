@@ -1,7 +1,7 @@
 //! The three ways to blend, on planes of values.
 
 use super::frame::Axis;
-use super::light::{self, Light};
+use super::light::Light;
 use super::spectrum::LowPass;
 use super::{BlendMode, BlendOptions};
 use crate::error::{Error, Result};
@@ -28,6 +28,16 @@ struct Inputs<'a> {
     rendered: &'a ColorImage,
     photograph: &'a ColorImage,
     mask: &'a Mask,
+}
+
+impl<'a> Inputs<'a> {
+    fn new(rendered: &'a ColorImage, photograph: &'a ColorImage, mask: &'a Mask) -> Self {
+        Self {
+            rendered,
+            photograph,
+            mask,
+        }
+    }
 }
 
 impl Blender {
@@ -66,8 +76,7 @@ impl Blender {
         photograph: &ColorImage,
         mask: &Mask,
     ) -> Result<ColorImage> {
-        let exact = self.blend_unrounded(rendered, photograph, mask)?;
-        Ok(exact.map(|pixel| pixel.map(to_level)))
+        self.blend_as(&Inputs::new(rendered, photograph, mask), to_level)
     }
 
     /// As [`Blender::blend`], before values are rounded and clipped to 0 … 255.
@@ -77,27 +86,36 @@ impl Blender {
         photograph: &ColorImage,
         mask: &Mask,
     ) -> Result<Raster<[f32; 3]>> {
-        self.check("rendered image", rendered.size())?;
-        self.check("photograph", photograph.size())?;
-        self.check("mask", mask.size())?;
-        let inputs = Inputs {
-            rendered,
-            photograph,
-            mask,
-        };
+        self.blend_as(&Inputs::new(rendered, photograph, mask), |value| value)
+    }
+
+    /// The blend with each value turned into what the result holds.
+    fn blend_as<T: Copy + Default + Send>(
+        &self,
+        inputs: &Inputs<'_>,
+        finish: impl Fn(f32) -> T + Sync + Send,
+    ) -> Result<Raster<[T; 3]>> {
+        self.check("rendered image", inputs.rendered.size())?;
+        self.check("photograph", inputs.photograph.size())?;
+        self.check("mask", inputs.mask.size())?;
         let table = self.light.table();
-        // The mask's plane stands first, where there is one: the longest queue then starts first.
         let weights = usize::from(self.mode == BlendMode::Normalized);
         let mut planes =
             parallel::try_map(3 + weights, |plane| match plane.checked_sub(weights) {
-                Some(channel) => self.filtered(self.difference(&inputs, channel, &table)),
-                None => self.filtered(|index| f32::from(u8::from(mask.values()[index]))),
+                Some(channel) => self.filtered(|row, out| {
+                    self.difference_row(inputs, (channel, &table), row, out);
+                }),
+                None => self.filtered(|row, out| self.mask_row(inputs.mask, row, out)),
             })?;
         let lights = planes.split_off(weights);
-        let mut blended = Raster::filled(self.size.0, self.size.1, [0.0; 3])?;
+        let low = LowPassed {
+            weights: planes.pop(),
+            lights,
+        };
+        let mut blended = Raster::filled(self.size.0, self.size.1, [T::default(); 3])?;
         let width = self.size.0 as usize;
         parallel::for_each_chunk(blended.values_mut(), width, |row, pixels| {
-            self.finish_row(&inputs, &table, (planes.first(), &lights), (row, pixels));
+            self.finish_row((inputs, &table), &low, (row, pixels), &finish);
         });
         Ok(blended)
     }
@@ -114,73 +132,108 @@ impl Blender {
         Err(Error::invalid(what, problem))
     }
 
-    /// What is low-passed: photograph − rendering, of one channel, at the pixel of an index.
-    fn difference<'a>(
+    /// The pixels of a row of the image.
+    fn row_range(&self, row: usize) -> std::ops::Range<usize> {
+        let width = self.size.0 as usize;
+        row * width..(row + 1) * width
+    }
+
+    /// What is low-passed in a row: photograph − rendering, of one channel.
+    fn difference_row(
         &self,
-        inputs: &'a Inputs<'a>,
-        channel: usize,
-        table: &'a [f32; 256],
-    ) -> impl Fn(usize) -> f32 + 'a {
-        let rendered = light::channel(inputs.rendered, channel, table);
-        let photograph = light::channel(inputs.photograph, channel, table);
+        inputs: &Inputs<'_>,
+        (channel, table): (usize, &[f32; 256]),
+        row: usize,
+        out: &mut [f32],
+    ) {
+        let range = self.row_range(row);
+        let rendered = &inputs.rendered.values()[range.clone()];
+        let photograph = &inputs.photograph.values()[range.clone()];
         let outside = if self.mode == BlendMode::Reference {
             1.0
         } else {
             0.0
         };
-        let mask = inputs.mask.values();
-        move |index| {
-            if mask[index] {
-                photograph(index) - rendered(index)
+        let pixels = rendered
+            .iter()
+            .zip(photograph)
+            .zip(&inputs.mask.values()[range]);
+        for (value, ((rendered, photograph), &inside)) in out.iter_mut().zip(pixels) {
+            let photograph = table[usize::from(photograph[channel])];
+            let difference = photograph - table[usize::from(rendered[channel])];
+            *value = if inside {
+                difference
             } else {
-                outside * photograph(index)
-            }
+                outside * photograph
+            };
         }
     }
 
-    /// The low-passed plane of `value`, in the frame's size.
-    fn filtered(&self, value: impl Fn(usize) -> f32) -> Result<Vec<f32>> {
-        let width = self.size.0 as usize;
-        let mut plane = Vec::with_capacity(self.columns.length() * self.rows.length());
-        for &row in &self.rows.source {
-            plane.extend(self.columns.source.iter().map(|&c| value(row * width + c)));
+    fn mask_row(&self, mask: &Mask, row: usize, out: &mut [f32]) {
+        for (value, &inside) in out.iter_mut().zip(&mask.values()[self.row_range(row)]) {
+            *value = f32::from(u8::from(inside));
+        }
+    }
+
+    /// The low-passed plane, in the frame's size, whose rows `fill` writes at the image's width.
+    fn filtered(&self, fill: impl Fn(usize, &mut [f32])) -> Result<Vec<f32>> {
+        let (frame, width) = (self.columns.length(), self.size.0 as usize);
+        let offset = self.columns.offset;
+        let mut plane = vec![0.0; frame * self.rows.length()];
+        for (out, &row) in plane.chunks_exact_mut(frame).zip(&self.rows.source) {
+            fill(row, &mut out[offset..offset + width]);
+            for margin in (0..offset).chain(offset + width..frame) {
+                out[margin] = out[offset + self.columns.source[margin]];
+            }
         }
         self.low_pass.apply(&mut plane)?;
         Ok(plane)
     }
 
     /// Adds the low-passed difference to the rendering in one row of the result.
-    fn finish_row(
+    fn finish_row<T>(
         &self,
-        inputs: &Inputs<'_>,
-        table: &[f32; 256],
-        (weights, lights): (Option<&Vec<f32>>, &[Vec<f32>]),
-        (row, pixels): (usize, &mut [[f32; 3]]),
+        (inputs, table): (&Inputs<'_>, &[f32; 256]),
+        low: &LowPassed,
+        (row, pixels): (usize, &mut [[T; 3]]),
+        finish: &impl Fn(f32) -> T,
     ) {
+        let range = self.row_range(row);
+        let rendered = &inputs.rendered.values()[range.clone()];
+        let photograph = &inputs.photograph.values()[range.clone()];
         let start = (row + self.rows.offset) * self.columns.length() + self.columns.offset;
+        let frame_range = start..start + pixels.len();
+        let lights = [0, 1, 2].map(|channel| &low.lights[channel][frame_range.clone()]);
+        let weights = low.weights.as_ref().map(|weights| &weights[frame_range]);
+        let mask = &inputs.mask.values()[range];
         for (column, pixel) in pixels.iter_mut().enumerate() {
-            let index = row * self.size.0 as usize + column;
-            let inside = inputs.mask.values()[index];
-            let (rendered, photograph) = (
-                inputs.rendered.values()[index],
-                inputs.photograph.values()[index],
-            );
+            let inside = mask[column];
             if !inside && self.mode != BlendMode::Reference {
-                *pixel = photograph.map(f32::from);
+                *pixel = photograph[column].map(|value| finish(f32::from(value)));
                 continue;
             }
-            let weight = weights.map_or(1.0, |w| w[start + column]);
-            for (channel, value) in pixel.iter_mut().enumerate() {
-                let base = table[usize::from(rendered[channel])];
+            let weight = weights.map_or(1.0, |weights| weights[column]);
+            let gain = 1.0 / weight;
+            *pixel = std::array::from_fn(|channel| {
+                let base = table[usize::from(rendered[column][channel])];
                 let added = if weight < SMALLEST_WEIGHT {
-                    table[usize::from(photograph[channel])] - base
+                    table[usize::from(photograph[column][channel])] - base
                 } else {
-                    lights[channel][start + column] / weight
+                    lights[channel][column] * gain
                 };
-                *value = self.light.encode(if inside { base } else { 0.0 } + added);
-            }
+                let base = if inside { base } else { 0.0 };
+                finish(self.light.encode(base + added))
+            });
         }
     }
+}
+
+/// Low-passed planes in the frame's size.
+struct LowPassed {
+    /// Of the mask, where the mode divides by it.
+    weights: Option<Vec<f32>>,
+    /// Of the difference, per channel.
+    lights: Vec<Vec<f32>>,
 }
 
 /// The nearest of the 256 levels.
@@ -190,5 +243,5 @@ impl Blender {
     reason = "clamped to 0 … 255 before the cast"
 )]
 fn to_level(value: f32) -> u8 {
-    value.round().clamp(0.0, 255.0) as u8
+    (value.clamp(0.0, 255.0) + 0.5) as u8
 }

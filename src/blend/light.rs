@@ -1,7 +1,5 @@
 //! Values that are blended: 8-bit sRGB as they are, or light proportional to energy.
 
-use mvs_datasets::scene::ColorImage;
-
 /// What is added and filtered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Light {
@@ -49,16 +47,6 @@ fn encoded(linear: f32) -> f32 {
     } else {
         1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
-}
-
-/// One channel of an image, looked up in `table`, pixel by pixel.
-pub(super) fn channel<'a>(
-    image: &'a ColorImage,
-    channel: usize,
-    table: &'a [f32; 256],
-) -> impl Fn(usize) -> f32 + 'a {
-    let values = image.values();
-    move |index| table[usize::from(values[index][channel])]
 }
 
 #[cfg(test)]

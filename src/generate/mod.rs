@@ -1,5 +1,6 @@
 //! Mesh + cameras + photographs → a BlendedMVS scene.
 
+pub mod augment;
 mod fit;
 mod masked;
 mod pairs;
@@ -7,7 +8,9 @@ mod photos;
 mod plan;
 mod range;
 mod resample;
+pub mod verify;
 mod view;
+pub mod visibility;
 
 pub use fit::Fit;
 pub use pairs::{Covisibility, PairOptions};
@@ -43,6 +46,10 @@ pub enum Extra {
     Masks,
     /// `normals/`: geometric normals, camera frame.
     Normals,
+    /// `occlusion/`: per pair, where the source sees the reference's surface.
+    Occlusion,
+    /// `depth_edges/`: where the depth jumps.
+    DepthEdges,
     /// `covisibility.npy`: how much of each view's surface each other view sees.
     Covisibility,
 }
@@ -119,6 +126,21 @@ struct Plan {
     covisibility: Vec<f32>,
 }
 
+impl Plan {
+    /// The views whose sight of the view at `index` is written with it: its sources, if occlusion
+    /// is asked for.
+    fn watchers(&self, index: usize, options: &GenerateOptions) -> Vec<View> {
+        if !options.extras.contains(&Extra::Occlusion) {
+            return Vec::new();
+        }
+        let view_of = |source: &SourceScore| {
+            let found = self.views.iter().find(|(given, _)| given.id == source.id)?;
+            Some(found.1.clone())
+        };
+        self.sources[index].iter().filter_map(view_of).collect()
+    }
+}
+
 /// Generates the scene in `folder`. Views that are there already, made from the same inputs with
 /// the same options, are kept. `scene.json` is written last: a folder without it is not finished.
 pub fn generate(
@@ -146,7 +168,7 @@ pub fn generate(
     let records = parallel::try_map(plan.views.len(), |index| {
         progress.check()?;
         let (given, fitted) = &plan.views[index];
-        let record = work.finish(given, fitted)?;
+        let record = work.finish(given, fitted, &plan.watchers(index, options))?;
         progress.advance(1);
         Ok(record)
     })?;
@@ -269,6 +291,10 @@ fn conventions(options: &GenerateOptions) -> BTreeMap<String, String> {
             "camera frame, facing the camera, unit length; 0 = none",
         ),
         ("mask", "255 where there is rendered surface"),
+        (
+            "occlusion",
+            "0 = no surface or outside the source, 128 = occluded, 255 = visible",
+        ),
         ("images", "8-bit sRGB"),
         (
             "covisibility",

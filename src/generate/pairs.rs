@@ -223,7 +223,7 @@ fn compare(
 }
 
 /// The angle at `point` between the two cameras, in degrees.
-fn angle_at(point: DVec3, (first, second): (DVec3, DVec3)) -> f64 {
+pub(super) fn angle_at(point: DVec3, (first, second): (DVec3, DVec3)) -> f64 {
     let (a, b) = (first - point, second - point);
     // atan2 of sine and cosine: right to the last digit at small angles, never NaN.
     a.cross(b).length().atan2(a.dot(b)).to_degrees()

@@ -3,12 +3,13 @@
 use super::masked;
 use super::plan;
 use super::range::{self, RangeRule};
+use super::visibility;
 use super::{Extra, Fit, GenerateOptions, Source};
 use crate::blend::{self, Blender};
 use crate::error::{Error, Result};
 use crate::provenance;
 use crate::render::{Renderer, Rendering};
-use mvs_datasets::format::image::JpegOptions;
+use mvs_datasets::format::image::{self, JpegOptions};
 use mvs_datasets::layout::blended::record::{self, ViewRecord};
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::files;
@@ -45,19 +46,24 @@ pub(super) fn check_jpeg_quality(quality: u8) -> Result<()> {
 
 impl ViewWork<'_> {
     /// Makes the view's files, unless they are there and follow from the same inputs.
-    pub(super) fn finish(&self, given: &View, fitted: &View) -> Result<ViewRecord> {
+    pub(super) fn finish(
+        &self,
+        given: &View,
+        fitted: &View,
+        watchers: &[View],
+    ) -> Result<ViewRecord> {
         let digest = plan::view_digest(
             self.scene_digest,
             (given, fitted),
             self.source.photographs,
-            &[],
+            watchers,
         )?;
         let path = record_path(self.folder, fitted.id);
         if let Some(record) = finished(self.folder, &path, &digest) {
             return Ok(record);
         }
         let images = self.images(given, fitted)?;
-        let record = self.write(fitted, &images, digest)?;
+        let record = self.write(fitted, &images, digest, watchers)?;
         record::write_json(&path, &record)?;
         Ok(record)
     }
@@ -105,7 +111,13 @@ impl ViewWork<'_> {
     }
 
     /// Writes all files of the view.
-    fn write(&self, view: &View, images: &Images, digest: String) -> Result<ViewRecord> {
+    fn write(
+        &self,
+        view: &View,
+        images: &Images,
+        digest: String,
+        watchers: &[View],
+    ) -> Result<ViewRecord> {
         let (folder, id, rendering) = (self.folder, view.id, &images.rendering);
         let jpeg = JpegOptions {
             quality: self.options.jpeg_quality,
@@ -128,7 +140,7 @@ impl ViewWork<'_> {
             folder.cam(id),
         ];
         for extra in &self.options.extras {
-            written.extend(self.write_extra(*extra, id, images)?);
+            written.extend(self.write_extra(*extra, view, images, watchers)?);
         }
         Ok(ViewRecord {
             id,
@@ -147,8 +159,14 @@ impl ViewWork<'_> {
         })
     }
 
-    fn write_extra(&self, extra: Extra, id: u32, images: &Images) -> Result<Option<PathBuf>> {
-        let folder = self.folder;
+    fn write_extra(
+        &self,
+        extra: Extra,
+        view: &View,
+        images: &Images,
+        watchers: &[View],
+    ) -> Result<Vec<PathBuf>> {
+        let (folder, id, rendering) = (self.folder, view.id, &images.rendering);
         let path = match extra {
             Extra::InputImages => {
                 let path = folder.input_image(id);
@@ -157,23 +175,48 @@ impl ViewWork<'_> {
             }
             Extra::RenderedImages => {
                 let path = folder.rendered_image(id);
-                BlendedFolder::write_png(&path, &images.rendering.color)?;
+                BlendedFolder::write_png(&path, &rendering.color)?;
                 path
             }
             Extra::Masks => {
                 let path = folder.mask(id);
-                BlendedFolder::write_mask(&path, &images.rendering.depth.valid_mask())?;
+                BlendedFolder::write_mask(&path, &rendering.depth.valid_mask())?;
+                path
+            }
+            Extra::DepthEdges => {
+                let path = folder.depth_edges(id);
+                let edges = visibility::depth_edges(&rendering.depth, DEPTH_JUMP)?;
+                BlendedFolder::write_mask(&path, &edges)?;
                 path
             }
             Extra::Normals => {
-                folder.write_normals(id, &images.rendering.normals)?;
+                folder.write_normals(id, &rendering.normals)?;
                 folder.normals(id)
             }
-            Extra::Covisibility => return Ok(None),
+            Extra::Occlusion => return self.write_occlusion(view, rendering, watchers),
+            Extra::Covisibility => return Ok(Vec::new()),
         };
-        Ok(Some(path))
+        Ok(vec![path])
+    }
+
+    fn write_occlusion(
+        &self,
+        view: &View,
+        rendering: &Rendering,
+        watchers: &[View],
+    ) -> Result<Vec<PathBuf>> {
+        let write = |source: &View| {
+            let path = self.folder.occlusion(view.id, source.id);
+            let seen = visibility::occlusion(self.renderer, (view, rendering), source)?;
+            files::write_atomically(&path, |out| image::write_gray_png(out, &seen))?;
+            Ok(path)
+        };
+        watchers.iter().map(write).collect()
     }
 }
+
+/// A depth edge is a jump by more than this fraction of the nearer depth.
+const DEPTH_JUMP: f32 = 0.02;
 
 /// Removes what earlier or interrupted runs left in the scene's folders and this one would not have
 /// written: files named like a view's, and temporary files. Anything else is left alone.
@@ -201,7 +244,7 @@ pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -
 }
 
 /// The scene's folder and those in it that hold files of views.
-const FOLDERS: [&str; 9] = [
+const FOLDERS: [&str; 11] = [
     "",
     "blended_images",
     "cams",
@@ -210,6 +253,8 @@ const FOLDERS: [&str; 9] = [
     "rendered_images",
     "masks",
     "normals",
+    "occlusion",
+    "depth_edges",
     "views",
 ];
 

@@ -15,6 +15,7 @@ pub mod render;
 pub mod report;
 pub mod score;
 pub mod score_all;
+pub mod verify;
 
 pub use out::{OutDir, check_out_file, run_file_beside};
 

@@ -1,0 +1,434 @@
+//! Depth carried from each view into its source views.
+
+use super::reading::Reading;
+use super::{Finding, VerifyOptions, median};
+use crate::error::Result;
+use crate::generate::PairOptions;
+use crate::generate::pairs::angle_at;
+use crate::parallel;
+use crate::progress::Progress;
+use glam::{DVec2, DVec3};
+use mvs_datasets::layout::blended::BlendedFolder;
+use mvs_datasets::scene::{ColorImage, DepthMap, Scene, View};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Depths that differ by less than this fraction are taken to show the same surface.
+const SAME_SURFACE: f64 = 0.01;
+/// Neighbouring depths that differ by more are not interpolated.
+const SMOOTH: f64 = 0.02;
+/// Views, evenly spread, by which readings and pairs are judged.
+const JUDGED_VIEWS: usize = 24;
+/// Below this many points in frame nothing is said about a pair.
+const FEW: usize = 20;
+/// Differences below this say nothing more: the depths' own rounding.
+const FLOOR: f64 = 1e-7;
+
+/// One view's depth carried into one of its source views.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PairCheck {
+    /// The view whose depth is carried.
+    pub reference: u32,
+    /// The view into which.
+    pub source: u32,
+    /// Points that fall on smooth depth of the source.
+    pub in_frame: usize,
+    /// Of those, the ones whose depth agrees to 1 %; the others are mostly occluded.
+    pub agree: usize,
+    /// Median relative difference of those that agree; 0 when there are none.
+    pub median_difference: f64,
+    /// The largest difference but for one in a thousand of those that agree.
+    pub worst_difference: f64,
+    /// Median difference of colour where depths agree, in grey levels.
+    pub color_difference: f64,
+}
+
+/// The outcome of all of these checks.
+pub(super) struct Checked {
+    pub(super) findings: Vec<Finding>,
+    pub(super) pairs: Vec<PairCheck>,
+    pub(super) median_difference: Option<f64>,
+    pub(super) median_color_difference: Option<f64>,
+}
+
+/// A view with its depth and, if readable, its image.
+struct Seen {
+    view: View,
+    depth: DepthMap,
+    image: Option<ColorImage>,
+}
+
+/// A point carried into another view.
+struct Carried {
+    /// Where it falls in the source.
+    pixel: DVec2,
+    /// Relative difference between its depth there and the source's: positive when behind.
+    difference: f64,
+}
+
+pub(super) fn check(
+    folder: &BlendedFolder,
+    scene: &Scene,
+    options: &VerifyOptions,
+    progress: &dyn Progress,
+) -> Result<Checked> {
+    let mut findings = Vec::new();
+    let judged = read_some(folder, scene)?;
+    findings.extend(judge_readings(scene, &judged, options));
+    findings.extend(judge_pairs(scene, &judged));
+    let pairs = check_pairs(folder, scene, options, progress)?;
+    findings.extend(pairs.iter().filter_map(pair_finding));
+    findings.extend(colors(&judged, scene, options));
+    let agreeing = || pairs.iter().filter(|pair| pair.agree >= FEW);
+    Ok(Checked {
+        median_difference: median(agreeing().map(|pair| pair.median_difference).collect()),
+        median_color_difference: median(agreeing().map(|pair| pair.color_difference).collect()),
+        findings,
+        pairs,
+    })
+}
+
+fn read(folder: &BlendedFolder, view: &View) -> Option<Seen> {
+    let (depth, _) = folder.read_depth(view.id).ok()?;
+    if depth.size() != (view.camera.width(), view.camera.height()) {
+        return None;
+    }
+    let image = folder.read_image(view.id).ok();
+    let image = image.filter(|image| image.size() == depth.size());
+    Some(Seen {
+        view: view.clone(),
+        depth,
+        image,
+    })
+}
+
+/// Evenly spread views and the best two sources of each, by index.
+fn read_some(folder: &BlendedFolder, scene: &Scene) -> Result<BTreeMap<usize, Seen>> {
+    let count = scene.views().len();
+    let picked = JUDGED_VIEWS.min(count);
+    let indices: Vec<usize> = (0..picked).map(|i| i * count / picked).collect();
+    let seen = parallel::map(indices.len(), |i| read(folder, &scene.views()[indices[i]]));
+    let pairs = indices.into_iter().zip(seen);
+    Ok(pairs
+        .filter_map(|(index, seen)| Some((index, seen?)))
+        .collect())
+}
+
+/// Pixels with depth on a regular grid of about `points`.
+fn grid(depth: &DepthMap, points: u32) -> Vec<(DVec2, f32)> {
+    let (width, height) = depth.size();
+    let pixels = f64::from(width) * f64::from(height);
+    let stride = ((pixels / f64::from(points.max(1))).sqrt() as usize).max(1);
+    let mut found = Vec::new();
+    for row in (stride as u32 / 2..height).step_by(stride) {
+        for column in (stride as u32 / 2..width).step_by(stride) {
+            let value = depth.get(column, row);
+            if value > 0.0 {
+                let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+                found.push((pixel, value));
+            }
+        }
+    }
+    found
+}
+
+/// The depth at continuous coordinates, interpolated as a plane is: linearly in 1/z. `None` at
+/// borders, jumps and holes.
+fn interpolated(depth: &DepthMap, view: &View, pixel: DVec2, reading: Reading) -> Option<f64> {
+    let corner = pixel - 0.5;
+    let (width, height) = depth.size();
+    let inside = corner.x >= 0.0
+        && corner.y >= 0.0
+        && corner.x < f64::from(width) - 1.0
+        && corner.y < f64::from(height) - 1.0;
+    if !inside {
+        return None;
+    }
+    let (column, row) = (corner.x as u32, corner.y as u32);
+    let (fx, fy) = (corner.x.fract(), corner.y.fract());
+    let mut inverse = 0.0;
+    let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+    for (dx, dy, weight) in [
+        (0, 0, (1.0 - fx) * (1.0 - fy)),
+        (1, 0, fx * (1.0 - fy)),
+        (0, 1, (1.0 - fx) * fy),
+        (1, 1, fx * fy),
+    ] {
+        let value = depth.get(column + dx, row + dy);
+        if value <= 0.0 {
+            return None;
+        }
+        let centre = DVec2::new(f64::from(column + dx) + 0.5, f64::from(row + dy) + 0.5);
+        let z = reading.depth(&view.camera, centre, value);
+        least = least.min(z);
+        most = most.max(z);
+        inverse += weight / z;
+    }
+    (most <= least * (1.0 + SMOOTH)).then(|| 1.0 / inverse)
+}
+
+/// The reference's points that fall on smooth depth of the source, with their world positions.
+fn carry(
+    reference: (&View, &[(DVec2, f32)]),
+    source: (&View, &DepthMap),
+    reading: Reading,
+) -> Vec<(DVec2, DVec3, Carried)> {
+    let (view, points) = reference;
+    let carried = |&(from, value): &(DVec2, f32)| {
+        let z = reading.depth(&view.camera, from, value);
+        let position = view.pose.to_world(z * view.camera.ray(from));
+        let in_source = source.0.pose.to_cam(position);
+        let pixel = source.0.camera.project(in_source)?;
+        let there = interpolated(source.1, source.0, pixel, reading)?;
+        let difference = in_source.z / there - 1.0;
+        Some((from, position, Carried { pixel, difference }))
+    };
+    points.iter().filter_map(carried).collect()
+}
+
+fn agrees(carried: &Carried) -> bool {
+    carried.difference.abs() < SAME_SURFACE
+}
+
+/// Carries every view's depth into its listed source views.
+fn check_pairs(
+    folder: &BlendedFolder,
+    scene: &Scene,
+    options: &VerifyOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<PairCheck>> {
+    progress.begin(
+        "carrying depth into source views",
+        scene.views().len() as u64,
+    );
+    let checked = parallel::try_map(scene.views().len(), |index| {
+        progress.check()?;
+        progress.advance(1);
+        let Some(reference) = read(folder, &scene.views()[index]) else {
+            return Ok(Vec::new());
+        };
+        let points = grid(&reference.depth, options.points);
+        let sources = scene.sources_of(index).iter().filter_map(|source| {
+            let view = &scene.views()[scene.index_of(source.id)?];
+            Some(check_pair(&reference, &points, &read(folder, view)?))
+        });
+        Ok(sources.collect())
+    })?;
+    Ok(checked.into_iter().flatten().collect())
+}
+
+fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairCheck {
+    let all = carry(
+        (&reference.view, points),
+        (&source.view, &source.depth),
+        Reading::AsIs,
+    );
+    let same: Vec<_> = all
+        .iter()
+        .filter(|(_, _, carried)| agrees(carried))
+        .collect();
+    let mut differences: Vec<f64> = same.iter().map(|(_, _, c)| c.difference.abs()).collect();
+    differences.sort_unstable_by(f64::total_cmp);
+    let at = |fraction: f64| {
+        let index = (fraction * differences.len() as f64) as usize;
+        differences
+            .get(index.min(differences.len().saturating_sub(1)))
+            .copied()
+            .unwrap_or(0.0)
+    };
+    let pixels = same.iter().map(|(from, _, carried)| (*from, carried.pixel));
+    PairCheck {
+        reference: reference.view.id,
+        source: source.view.id,
+        in_frame: all.len(),
+        agree: same.len(),
+        median_difference: at(0.5),
+        worst_difference: at(0.999),
+        color_difference: median(color_differences(reference, source, pixels)).unwrap_or(0.0),
+    }
+}
+
+/// Mean absolute colour difference between pixels of two images.
+fn color_differences(
+    reference: &Seen,
+    source: &Seen,
+    pixels: impl Iterator<Item = (DVec2, DVec2)>,
+) -> Vec<f64> {
+    let (Some(first), Some(second)) = (&reference.image, &source.image) else {
+        return Vec::new();
+    };
+    let difference = |(from, to): (DVec2, DVec2)| {
+        let a = first.get(from.x as u32, from.y as u32);
+        let b = second.get(to.x as u32, to.y as u32);
+        (0..3).map(|c| f64::from(a[c].abs_diff(b[c]))).sum::<f64>() / 3.0
+    };
+    pixels.map(difference).collect()
+}
+
+/// A listed pair that shares no surface.
+fn pair_finding(pair: &PairCheck) -> Option<Finding> {
+    let place = format!("view {} and source {}", pair.reference, pair.source);
+    if pair.in_frame >= FEW && pair.agree * 50 < pair.in_frame {
+        let message = format!(
+            "expected a source view that sees the same surface, found {} of {} points that agree",
+            pair.agree, pair.in_frame
+        );
+        return Some(Finding::fault("pair-without-overlap", place, message));
+    }
+    None
+}
+
+/// How well a reading makes the views agree: agreeing points over their median difference.
+fn merit(
+    scene: &Scene,
+    judged: &BTreeMap<usize, Seen>,
+    reading: Reading,
+    points: u32,
+) -> Result<(f64, f64)> {
+    let views: BTreeMap<usize, View> = judged
+        .iter()
+        .map(|(&index, seen)| Ok((index, reading.view(&seen.view)?)))
+        .collect::<Result<_>>()?;
+    let references: Vec<usize> = judged.keys().copied().collect();
+    let differences = parallel::map(references.len(), |i| {
+        let index = references[i];
+        let grid = grid(&judged[&index].depth, points);
+        let others = references.iter().filter(|&&other| other != index);
+        let listed = others.filter(|&&other| {
+            let id = scene.views()[other].id;
+            let few = references.len() <= 8;
+            few || scene.sources_of(index).iter().any(|source| source.id == id)
+                || other.abs_diff(index) <= scene.views().len().div_ceil(8)
+        });
+        let differences = listed.flat_map(|&other| {
+            carry(
+                (&views[&index], &grid),
+                (&views[&other], &judged[&other].depth),
+                reading,
+            )
+        });
+        let agreeing = differences.filter(|(_, _, carried)| agrees(carried));
+        agreeing
+            .map(|(_, _, carried)| carried.difference.abs())
+            .collect::<Vec<_>>()
+    });
+    let differences: Vec<f64> = differences.into_iter().flatten().collect();
+    let count = differences.len() as f64;
+    let difference = median(differences).unwrap_or(SAME_SURFACE);
+    Ok((count / difference.max(FLOOR), difference))
+}
+
+/// Whether another reading of cameras or depths makes the views agree much better.
+fn judge_readings(
+    scene: &Scene,
+    judged: &BTreeMap<usize, Seen>,
+    options: &VerifyOptions,
+) -> Option<Finding> {
+    let points = (options.points / 4).max(50);
+    let merit_of = |reading| merit(scene, judged, reading, points).ok();
+    let (as_is, difference) = merit_of(Reading::AsIs)?;
+    let others = Reading::all().into_iter().skip(1);
+    let judged = others.filter_map(|reading| Some((merit_of(reading)?, reading)));
+    let best = judged.max_by(|a, b| a.0.0.total_cmp(&b.0.0));
+    if let Some(((merit, better), reading)) = best {
+        if merit > 2.0 * as_is {
+            let message = format!(
+                "{}; the views then agree to {better:.2e} (median, relative), as they are to {difference:.2e}",
+                reading.advice()
+            );
+            return Some(Finding::fault(reading.code(), "all views", message));
+        }
+    }
+    (as_is == 0.0 && judged_enough(scene)).then(|| {
+        let message = "expected depths that agree where views see the same surface, found none \
+                       that do, under any known convention";
+        Finding::fault("no-agreement", "all views", message)
+    })
+}
+
+fn judged_enough(scene: &Scene) -> bool {
+    scene.views().len() >= 2
+}
+
+/// Whether the listed source views suit their references better than others would.
+fn judge_pairs(scene: &Scene, judged: &BTreeMap<usize, Seen>) -> Option<Finding> {
+    let options = PairOptions::default();
+    let (mut listed, mut others) = (Vec::new(), Vec::new());
+    for (&index, reference) in judged {
+        let points = grid(&reference.depth, 300);
+        for (_, source) in judged.iter().filter(|&(&other, _)| other != index) {
+            let carried = carry(
+                (&reference.view, &points),
+                (&source.view, &source.depth),
+                Reading::AsIs,
+            );
+            let centers = (
+                reference.view.pose.center_in_world(),
+                source.view.pose.center_in_world(),
+            );
+            let same = carried.iter().filter(|(_, _, carried)| agrees(carried));
+            let score: f64 = same
+                .map(|(_, at, _)| options.weight(angle_at(*at, centers)))
+                .sum();
+            let is_listed = scene
+                .sources_of(index)
+                .iter()
+                .any(|s| s.id == source.view.id);
+            if is_listed { &mut listed } else { &mut others }.push(score);
+        }
+    }
+    let mean = |scores: &[f64]| scores.iter().sum::<f64>() / scores.len().max(1) as f64;
+    let (of_listed, of_others) = (mean(&listed), mean(&others));
+    let enough = listed.len() >= 5 && others.len() >= 5;
+    (enough && of_listed < 1.2 * of_others).then(|| {
+        let message = format!(
+            "expected source views that see the same surface under a small angle, found a mean \
+             score of {of_listed:.2} for those in pair.txt and {of_others:.2} for the others"
+        );
+        Finding::fault("shuffled-pairs", "cams/pair.txt", message)
+    })
+}
+
+/// Whether images show what the depths say: colours at the same point against colours elsewhere.
+fn colors(
+    judged: &BTreeMap<usize, Seen>,
+    scene: &Scene,
+    options: &VerifyOptions,
+) -> Option<Finding> {
+    let (mut same, mut elsewhere) = (Vec::new(), Vec::new());
+    for (&index, reference) in judged {
+        let points = grid(&reference.depth, options.points / 4);
+        for source in scene.sources_of(index) {
+            let Some(source) = scene
+                .index_of(source.id)
+                .and_then(|other| judged.get(&other))
+            else {
+                continue;
+            };
+            let carried = carry(
+                (&reference.view, &points),
+                (&source.view, &source.depth),
+                Reading::AsIs,
+            );
+            let pixels: Vec<(DVec2, DVec2)> = carried
+                .iter()
+                .filter(|(_, _, carried)| agrees(carried))
+                .map(|(from, _, carried)| (*from, carried.pixel))
+                .collect();
+            let count = pixels.len();
+            let apart = (0..count).map(|i| (pixels[i].0, pixels[(i + count / 2) % count].1));
+            elsewhere.extend(color_differences(reference, source, apart));
+            same.extend(color_differences(reference, source, pixels.iter().copied()));
+        }
+    }
+    let count = same.len();
+    let (same, elsewhere) = (median(same)?, median(elsewhere)?);
+    (count >= 5 * FEW && same > 0.7 * elsewhere && elsewhere > 4.0).then(|| {
+        let message = format!(
+            "expected images that show the same colour at the same point, found a median difference \
+             of {same:.1} grey levels there and {elsewhere:.1} between points that have nothing to do \
+             with each other"
+        );
+        Finding::fault("images-do-not-match", "all views", message)
+    })
+}
