@@ -285,7 +285,7 @@ mod tests {
     fn nothing_in_common_is_an_error() {
         let (barn, truck) = (record("Barn", 0.5, 0.0), record("Truck", 0.6, 0.0));
         let options = CompareOptions::default();
-        assert!(compare(&[barn.clone()], &[truck], &options).is_err());
+        assert!(compare(std::slice::from_ref(&barn), &[truck], &options).is_err());
         assert!(compare(&[barn.clone(), barn.clone()], &[barn], &options).is_err());
     }
 }

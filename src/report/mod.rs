@@ -10,6 +10,7 @@ mod font;
 pub mod histogram_svg;
 pub mod html;
 pub mod leaderboard;
+mod leaderboard_tables;
 pub mod record;
 pub mod table;
 pub mod table_csv;

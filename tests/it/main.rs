@@ -18,3 +18,4 @@ mod render;
 mod report;
 mod score;
 mod support;
+mod synthetic;
