@@ -3,7 +3,7 @@
 
 use glam::{DMat4, DVec2, DVec3};
 use mvs_datasets::FormatError;
-use mvs_datasets::format::{cam, crop, image, log, pair, pfm, ply, transform};
+use mvs_datasets::format::{cam, colmap, crop, image, log, pair, pfm, ply, transform, transforms};
 use mvs_datasets::layout::mvsnet::{self, CamsOptions, PixelCentre};
 use mvs_datasets::layout::{files, tnt};
 use mvs_datasets::scene::{PointCloud, Raster, SourceScore};
@@ -291,6 +291,10 @@ fn samples() -> Vec<(&'static str, Vec<u8>, Reader)> {
     let camera = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n70 0 32\n0 71 24\n0 0 1\n\n0.5 0.1 192 20\n";
     let volume = r#"{"class_name":"SelectionPolygonVolume","version_major":1,"version_minor":0,"orthogonal_axis":"Y","axis_min":-1.5,"axis_max":4,"bounding_polygon":[[0,0,0],[1,0,0],[1,0,1]]}"#;
     let pose = "0 0 0\n1 0 0 5\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    let nerf = r#"{"w":64,"h":48,"fl_x":70,"cx":32,"cy":24,"k1":0.1,"frames":[{"file_path":"a.jpg","transform_matrix":[[1,0,0,5],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
+    let images = "1 1 0 0 0 0 0 0 1 a.jpg\n1.5 2.5 3\n2 1 0 0 0 0 0 0 1 b.jpg\n\n";
+    let mut points = 1u64.to_le_bytes().to_vec();
+    points.extend([&[7; 35][..], &[0; 8], &1u64.to_le_bytes(), &[0; 8]].concat());
     let options = ply::PlyOptions::default();
     let ascii = ply::PlyOptions {
         ascii: true,
@@ -341,6 +345,20 @@ fn samples() -> Vec<(&'static str, Vec<u8>, Reader)> {
             |b| transform::read(text(b)?).map(drop),
         ),
         ("crop", volume.into(), |b| crop::read(text(b)?).map(drop)),
+        ("transforms", nerf.into(), |b| {
+            transforms::read(text(b)?).map(drop)
+        }),
+        (
+            "colmap cameras",
+            "1 PINHOLE 640 480 500 510 320 240\n".into(),
+            |b| colmap::read_cameras_text(text(b)?).map(drop),
+        ),
+        ("colmap images", images.into(), |b| {
+            colmap::read_images_text(text(b)?).map(drop)
+        }),
+        ("colmap points", points, |b| {
+            colmap::read_points_binary(b).map(drop)
+        }),
     ]
 }
 
