@@ -529,7 +529,8 @@ mod tests {
                 "{name}: {}",
                 depth.valid_count()
             );
-            let cloud = scene.sample_surface(0.05).unwrap();
+            let spacing = scene.mesh().bounds().size().max_element() / 60.0;
+            let cloud = scene.sample_surface(spacing).unwrap();
             let far = cloud
                 .positions()
                 .iter()
