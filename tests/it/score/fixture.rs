@@ -1,5 +1,5 @@
-//! A small Tanks and Temples scene from formulas: the same bits as tests/reference/tnt_open3d.py
-//! makes.
+//! Small Tanks and Temples scenes from formulas. Those without bumps have the same bits as
+//! tests/reference/tnt_open3d.py makes.
 
 use glam::{DMat4, DVec3};
 use mvs_datasets::format::log::{self, LogPose};
@@ -46,6 +46,26 @@ fn surface(seed: u64, count: u64, noise: f64) -> Vec<DVec3> {
 pub(super) fn reconstruction(count: u64) -> Vec<DVec3> {
     let mut points = surface(2, count, 0.03);
     points.retain(|point| !(point.x > 0.25 && point.y > 0.25));
+    points.extend((0..count / 60).map(|index| triple(3, index)));
+    points.into_iter().map(own_from_scan).collect()
+}
+
+/// The height of a surface whose bumps hold ICP in place: on a smooth patch a similarity slides.
+pub(super) fn bumps(x: f64, y: f64) -> f64 {
+    0.25 * (4.0 * x).sin() * (5.0 * y).cos()
+}
+
+fn bumpy(seed: u64, count: u64, noise: f64) -> Vec<DVec3> {
+    let point = |index: u64| {
+        let DVec3 { x, y, z } = triple(seed, index);
+        DVec3::new(x, y, bumps(x, y) + z * noise)
+    };
+    (0..count).map(point).collect()
+}
+
+/// The bumpy surface with a little noise and some outliers, in the reconstruction's own frame.
+pub(super) fn bumpy_reconstruction(count: u64) -> Vec<DVec3> {
+    let mut points = bumpy(2, count, 0.01);
     points.extend((0..count / 60).map(|index| triple(3, index)));
     points.into_iter().map(own_from_scan).collect()
 }
@@ -148,11 +168,11 @@ impl Fixture {
         let fixture = Self {
             folder: tempfile::tempdir().unwrap(),
         };
-        fixture.put_cloud("Synth/Synth.ply", truth(count));
+        fixture.put_cloud("Synth/Synth.ply", bumpy(1, count, 0.0));
         fixture.put_text("Synth/Synth.json", &crop_json());
         fixture.put_log("Synth/Synth_COLMAP_SfM.log", &reference_poses());
         fixture.put_transform("Synth/Synth_trans.txt", scan_from_reference());
-        fixture.put_cloud("rec.ply", reconstruction(count));
+        fixture.put_cloud("rec.ply", bumpy_reconstruction(count));
         fixture.put_log("rec.log", &given_poses());
         fixture
     }

@@ -1,0 +1,90 @@
+//! Batches: every scene and method, going on after failures.
+
+use super::fixture::{Fixture, bumpy_reconstruction, given_poses, read, scan_from_own};
+use assert_cmd::Command;
+use mvs_eval::report::record;
+
+#[test]
+fn a_batch_goes_on_after_failures_and_says_why() {
+    let fixture = Fixture::new(3000);
+    for method in ["a_good", "b_without_cameras", "c_broken", "d_by_transform"] {
+        fixture.put_cloud(
+            &format!("Synth/{method}/cloud.ply"),
+            bumpy_reconstruction(3000),
+        );
+    }
+    fixture.put_log("Synth/a_good/cams.log", &given_poses());
+    fixture.put_log("Synth/c_broken/cams.log", &given_poses());
+    fixture.put_text("Synth/c_broken/cloud.ply", "not a ply");
+    fixture.put_transform("Synth/d_by_transform/t.txt", scan_from_own());
+    fixture.put_text("Synth/images/readme", "no method");
+    let output = Command::cargo_bin("mvs-eval")
+        .unwrap()
+        .current_dir(fixture.folder.path())
+        .args([
+            "score",
+            "--all",
+            ".",
+            "--tau",
+            "0.05",
+            "--one-profile",
+            "--quiet",
+        ])
+        .args(["--out", "results"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let rows = record::read(read(&fixture.path("results"), "scores.csv").as_bytes()).unwrap();
+    let status: Vec<(&str, &str)> = rows
+        .iter()
+        .map(|row| (row.method.as_str(), row.status.as_str()))
+        .collect();
+    assert_eq!(rows.len(), 4, "{status:?}");
+    assert_eq!(
+        (status[0], status[3]),
+        (("a_good", "ok"), ("d_by_transform", "ok"))
+    );
+    assert!(
+        status[1].1.contains("found no .log of its cameras"),
+        "{status:?}"
+    );
+    assert!(status[2].1.starts_with("failed: "), "{status:?}");
+    assert!(rows[0].fscore.unwrap() > 0.8 && rows[1].fscore.is_none());
+    assert!(fixture.path("results/Synth/a_good/score.json").is_file());
+}
+
+#[test]
+fn submissions_lie_by_method_and_scene() {
+    let fixture = Fixture::new(3000);
+    fixture.put_cloud("methods/ours/Synth.ply", bumpy_reconstruction(3000));
+    fixture.put_log("methods/ours/Synth.log", &given_poses());
+    fixture.put_log("methods/theirs/Synth.log", &given_poses());
+    let output = Command::cargo_bin("mvs-eval")
+        .unwrap()
+        .current_dir(fixture.folder.path())
+        .args([
+            "score",
+            "--all",
+            ".",
+            "--methods",
+            "methods",
+            "--tau",
+            "0.05",
+        ])
+        .args(["--one-profile", "--quiet", "--out", "results"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let rows = record::read(read(&fixture.path("results"), "scores.csv").as_bytes()).unwrap();
+    assert_eq!(
+        (rows[0].method.as_str(), rows[0].status.as_str()),
+        ("ours", "ok")
+    );
+    assert_eq!(rows[1].method, "theirs");
+    assert!(
+        rows[1].status.contains("found no Synth.ply"),
+        "{}",
+        rows[1].status
+    );
+}
