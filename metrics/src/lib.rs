@@ -5,6 +5,7 @@
 pub mod align;
 pub mod crop;
 pub mod curve;
+pub mod depth;
 pub mod distance;
 pub mod downsample;
 pub mod error;

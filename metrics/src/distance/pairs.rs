@@ -246,8 +246,8 @@ impl Found for Nearest {
 
     fn meet(&mut self, number: usize, block: &Block, lane: usize, query: DVec3) {
         let mut squares = [0.0; LANES];
-        for k in 0..LANES {
-            squares[k] = squared_distance(query, block.point(k));
+        for (k, square) in squares.iter_mut().enumerate() {
+            *square = squared_distance(query, block.point(k));
         }
         for (k, &square) in squares.iter().enumerate() {
             if square < self.second[lane] {
