@@ -95,17 +95,19 @@ fn main() -> mvs_metrics::Result<()> {
     let (search, distances) = timed(repeats, || index.distances(&queries));
     let bound = 5.0 * 4.0 / (count as f64).sqrt();
     let (bounded, _) = timed(repeats, || index.distances_below(&queries, bound));
+    let query_index = BlockIndex::new(&queries)?;
+    let (indexed, same) = timed(repeats, || index.distances_from(&query_index));
     let (kiddo_build, kiddo) = timed(1, || NearestIndex::new(&truth));
     let kiddo = kiddo?;
     let (kiddo_search, expected) = timed(1, || kiddo.distances(&queries));
-    let equal = expected == distances;
+    let equal = expected == distances && same == distances;
     let sum = distances
         .iter()
         .map(|d| mixed(d.to_bits()))
         .fold(0, u64::wrapping_add);
     println!(
         "{{\"points\":{count},\"build_s\":{build:.4},\"search_s\":{search:.4},\
-         \"bounded_s\":{bounded:.4},\"kiddo_build_s\":{kiddo_build:.4},\
+         \"bounded_s\":{bounded:.4},\"indexed_s\":{indexed:.4},\"kiddo_build_s\":{kiddo_build:.4},\
          \"kiddo_search_s\":{kiddo_search:.4},\"equal_to_kiddo\":{equal},\"checksum\":\"{sum:016x}\"}}"
     );
     Ok(())

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use mvs_metrics::distance::{BlockIndex, NearestIndex};
-use mvs_metrics::{Count, Tolerance, downsample};
+use mvs_metrics::{Count, Tolerance, distance, downsample};
 
 fn mixed(bits: u64) -> u64 {
     let bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -125,4 +125,8 @@ fn both_indices_give_the_distances_of_their_points() {
     let (index_a, index_b) = (BlockIndex::new(&a).unwrap(), BlockIndex::new(&b).unwrap());
     assert_eq!(index_a.distances_from(&index_b), index_a.distances(&b));
     assert_eq!(index_b.distances_from(&index_a), index_b.distances(&a));
+    let both = (index_b.distances(&a), index_a.distances(&b));
+    assert_eq!(distance::both_ways(&a, &b).unwrap(), both);
+    let none = distance::both_ways(&a, &[]).unwrap();
+    assert_eq!(none, (vec![f64::INFINITY; 3000], vec![]));
 }

@@ -2,8 +2,7 @@
 
 use crate::error::Result;
 use glam::DVec3;
-use mvs_metrics::distance::NearestIndex;
-use mvs_metrics::{Curve, Score, Tolerance, stats};
+use mvs_metrics::{Curve, Score, Tolerance, distance, stats};
 use serde::{Deserialize, Serialize};
 
 /// One side of a comparison: the points that were judged and how far each is from the other side.
@@ -72,8 +71,8 @@ impl Evaluation {
     /// Measures the distances both ways. An empty reconstruction is allowed: all truth is then
     /// infinitely far from it.
     pub fn measure(mut reconstruction: Side, mut truth: Side) -> Result<Self> {
-        reconstruction.distances = distances(&reconstruction.points, &truth.points)?;
-        truth.distances = distances(&truth.points, &reconstruction.points)?;
+        (reconstruction.distances, truth.distances) =
+            distance::both_ways(&reconstruction.points, &truth.points)?;
         Ok(Self {
             reconstruction,
             truth,
@@ -105,13 +104,6 @@ impl Evaluation {
             Curve::of(&self.truth.distances, tolerance),
         )
     }
-}
-
-fn distances(from: &[DVec3], to: &[DVec3]) -> Result<Vec<f64>> {
-    if to.is_empty() || from.is_empty() {
-        return Ok(vec![f64::INFINITY; from.len()]);
-    }
-    Ok(NearestIndex::new(to)?.distances(from))
 }
 
 #[cfg(test)]

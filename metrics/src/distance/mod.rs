@@ -17,6 +17,18 @@ pub(crate) use pairs::{PairSums, Tracker};
 use crate::error::{Error, Result};
 use glam::DVec3;
 
+/// Per point of `a` the distance to its nearest point of `b`, and the reverse, in the order given:
+/// one index per cloud serves both. Everything is infinitely far from an empty cloud. An error
+/// where a point is not finite and the other cloud is not empty.
+pub fn both_ways(a: &[DVec3], b: &[DVec3]) -> Result<(Vec<f64>, Vec<f64>)> {
+    if a.is_empty() || b.is_empty() {
+        return Ok((vec![f64::INFINITY; a.len()], vec![f64::INFINITY; b.len()]));
+    }
+    let (a, b) = rayon::join(|| BlockIndex::new(a), || BlockIndex::new(b));
+    let (a, b) = (a?, b?);
+    Ok((b.distances_from(&a), a.distances_from(&b)))
+}
+
 /// dx² + dy² + dz², rounded after each operation in this order: every search here ends in this.
 pub(crate) fn squared_distance(a: DVec3, b: DVec3) -> f64 {
     let (dx, dy, dz) = (a.x - b.x, a.y - b.y, a.z - b.z);
