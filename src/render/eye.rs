@@ -37,7 +37,7 @@ impl<'m> Eye<'m> {
     /// The direction in which a sample looks, in the camera frame at depth 1.
     pub(crate) fn direction(&self, column: usize, row: usize) -> DVec3 {
         let sample = DVec2::new(column as f64, row as f64) + 0.5;
-        self.frame.direction(sample / f64::from(self.side))
+        ((sample - self.principal) / self.focal).extend(1.0)
     }
 
     /// Where a sample sees a triangle.

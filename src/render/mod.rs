@@ -26,7 +26,7 @@ use glam::{DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, DepthMap, Mesh, NormalMap, Raster, View};
 use rays::Probe;
 use serde::{Deserialize, Serialize};
-use surface::Frame;
+use surface::{Facet, Frame};
 use triangle::Crossing;
 
 /// How a view is rendered.
@@ -162,6 +162,12 @@ impl<'m> Renderer<'m> {
         visible.map(Hit::from)
     }
 
+    /// How many pixels of `view` see the surface: what visibility alone costs.
+    pub fn visible_count(&self, view: &View) -> usize {
+        let frame = Frame::new(self.mesh, self.center, view);
+        picture::visible_count(&self.clusters, &frame)
+    }
+
     /// Bytes that the prepared mesh holds, beside the mesh itself.
     pub fn bytes(&self) -> usize {
         self.clusters.bytes()
@@ -185,14 +191,13 @@ impl Pixel {
         }
     }
 
-    /// A pixel whose centre, along `direction`, sees `center`.
-    fn new(frame: &Frame<'_>, center: &Visible, direction: DVec3, color: [u8; 3]) -> Self {
-        let normal = frame.facing_normal(center.triangle, direction);
+    /// A pixel whose centre, along `direction`, sees `facet` at `distance`.
+    fn new(facet: &Facet, distance: f64, direction: DVec3, color: [u8; 3]) -> Self {
         #[allow(clippy::cast_possible_truncation, reason = "depth maps are f32")]
         Self {
             color,
-            depth: center.crossing.distance as f32,
-            normal: normal.as_vec3().into(),
+            depth: distance as f32,
+            normal: facet.facing_normal(direction).as_vec3().into(),
         }
     }
 }

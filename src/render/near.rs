@@ -3,14 +3,17 @@
 //! is clipped: the exact test knows what is in front.
 
 use super::raster::Place;
-use super::tile::{BLOCK, SIZE, Spot, Tile};
+use super::tile::{BLOCK, Spot, Tile};
 use glam::DVec3;
 
 /// Rounding of edge functions, relative to the lengths that enter them.
 const ROUNDING: f64 = 1e-13;
 
-/// Offers a triangle to all samples of the tile that see it.
-pub(crate) fn draw(tile: &mut Tile, place: &Place<'_>, triangle: u32) {
+/// Offers a triangle to all samples that see it between two corners of the tile, both included.
+pub(crate) fn draw(tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to): (Spot, Spot)) {
+    if to.column - from.column < BLOCK && to.row - from.row < BLOCK {
+        return draw_block(tile, place, triangle, (from, to));
+    }
     let corners = place.eye.frame.corners(triangle as usize);
     if corners.iter().all(|corner| corner.z <= 0.0) {
         return;
@@ -23,10 +26,15 @@ pub(crate) fn draw(tile: &mut Tile, place: &Place<'_>, triangle: u32) {
         normals: [c.cross(b), a.cross(c), b.cross(a)],
         slack: ROUNDING * longest * longest,
     };
-    for row in (0..SIZE).step_by(BLOCK) {
-        for column in (0..SIZE).step_by(BLOCK) {
-            if sides.may_cover(place, Spot { column, row }) {
-                draw_block(tile, place, triangle, Spot { column, row });
+    for row in (from.row..=to.row).step_by(BLOCK) {
+        for column in (from.column..=to.column).step_by(BLOCK) {
+            let corner = Spot { column, row };
+            if sides.may_cover(place, corner) {
+                let last = Spot {
+                    column: to.column.min(column + BLOCK - 1),
+                    row: to.row.min(row + BLOCK - 1),
+                };
+                draw_block(tile, place, triangle, (corner, last));
             }
         }
     }
@@ -54,34 +62,25 @@ impl Sides {
     }
 }
 
-fn draw_block(tile: &mut Tile, place: &Place<'_>, triangle: u32, corner: Spot) {
-    for row in corner.row..corner.row + BLOCK {
-        for column in corner.column..corner.column + BLOCK {
-            let exact = |triangle| {
-                let crossing = place
-                    .eye
-                    .cross(triangle, place.column + column, place.row + row);
+fn draw_block(tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to): (Spot, Spot)) {
+    let facet = place.eye.frame.facet(triangle as usize);
+    for row in from.row..=to.row {
+        for column in from.column..=to.column {
+            let direction = place.eye.direction(place.column + column, place.row + row);
+            let Some(crossing) = facet.cross(direction) else {
+                continue;
+            };
+            let exact = |triangle: u32| {
+                let crossing = place.eye.frame.cross(triangle as usize, direction);
                 crossing.map(|crossing| crossing.distance)
             };
-            if let Some(distance) = exact(triangle) {
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    reason = "well below the tile's doubt"
-                )]
-                tile.offer(
-                    Spot { column, row },
-                    (triangle, (1.0 / distance) as f32),
-                    exact,
-                );
-            }
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "well below the tile's doubt"
+            )]
+            let nearness = (1.0 / crossing.distance) as f32;
+            tile.offer(Spot { column, row }, (triangle, nearness), exact);
         }
     }
-    let last = BLOCK - 1;
-    tile.touch(
-        corner,
-        Spot {
-            column: corner.column + last,
-            row: corner.row + last,
-        },
-    );
+    tile.touch(from, to);
 }

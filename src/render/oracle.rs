@@ -2,12 +2,13 @@
 //! tree, every candidate triangle tested exactly. For tests.
 
 use super::bvh::Bvh;
+use super::eye::Eye;
 use super::surface::Frame;
 use super::triangle::{Crossing, Ray};
 use super::{Hit, Pixel, RenderOptions, Rendering, Visible, assembled, mean_color};
 use crate::error::Result;
 use crate::parallel;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use mvs_datasets::scene::{Aabb, Mesh, View};
 
 /// Rounding of coordinates, relative to the largest of them, that boxes are enlarged by.
@@ -71,9 +72,8 @@ impl<'m> Oracle<'m> {
         (column, row): (usize, usize),
         (side, options): (u32, &RenderOptions),
     ) -> Pixel {
-        let look = |side: usize, column: usize, row: usize| {
-            let sample = DVec2::new(column as f64, row as f64) + 0.5;
-            let direction = frame.direction(sample / side as f64);
+        let look = |side: u32, column: usize, row: usize| {
+            let direction = Eye::new(*frame, side).direction(column, row);
             let origin = view.pose.direction_to_world(-frame.center_in_cam());
             let ray = (origin, view.pose.direction_to_world(direction));
             let cross = |triangle| frame.cross(triangle, direction);
@@ -83,17 +83,16 @@ impl<'m> Oracle<'m> {
         let Some(center) = center else {
             return Pixel::empty(options);
         };
-        let side = side as usize;
-        let samples = (0..side * side).filter_map(|index| {
-            let (direction, seen) = look(
-                side,
-                column * side + index % side,
-                row * side + index / side,
-            );
+        let count = side as usize;
+        let samples = (0..count * count).filter_map(|index| {
+            let (right, down) = (index % count, index / count);
+            let (direction, seen) = look(side, column * count + right, row * count + down);
             Some(frame.patch(seen?.triangle).color(direction))
         });
         let at_center = || frame.patch(center.triangle).color(direction);
-        Pixel::new(frame, &center, direction, mean_color(samples, at_center))
+        let color = mean_color(samples, at_center);
+        let facet = frame.facet(center.triangle);
+        Pixel::new(&facet, center.crossing.distance, direction, color)
     }
 
     fn nearest(

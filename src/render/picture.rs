@@ -4,10 +4,9 @@ use super::clusters::Clusters;
 use super::eye::Eye;
 use super::raster::Place;
 use super::scan::scan;
-use super::surface::{Frame, Patch};
-use super::tile::{SIZE, Spot, Tile};
-use super::triangle::Crossing;
-use super::{Pixel, RenderOptions, Rendering, Visible, assembled, mean_color};
+use super::surface::{Facet, Frame, Patch};
+use super::tile::{NONE, SIZE, Spot, Tile};
+use super::{Pixel, RenderOptions, Rendering, assembled, mean_color};
 use crate::error::Result;
 use crate::parallel;
 use glam::{DVec3, Vec3};
@@ -44,6 +43,32 @@ pub(crate) fn render(
     assembled((camera.width(), camera.height()), pixels)
 }
 
+/// How many pixels of a view see the surface.
+pub(crate) fn visible_count(clusters: &Clusters, frame: &Frame<'_>) -> usize {
+    let camera = frame.camera();
+    let (width, height) = (camera.width() as usize, camera.height() as usize);
+    let eye = Eye::new(*frame, 1);
+    let across = width.div_ceil(SIZE);
+    let counts = parallel::map(across * height.div_ceil(SIZE), |index| {
+        let (column, row) = (index % across * SIZE, index / across * SIZE);
+        let place = Place {
+            eye: &eye,
+            column,
+            row,
+        };
+        let tile = scan(
+            clusters,
+            &place,
+            (SIZE.min(width - column), SIZE.min(height - row)),
+        );
+        tile.triangles
+            .iter()
+            .filter(|&&triangle| triangle != NONE)
+            .count()
+    });
+    counts.into_iter().sum()
+}
+
 /// What all tiles of a view share.
 struct Painter<'p> {
     clusters: &'p Clusters,
@@ -64,13 +89,14 @@ impl<'p> Painter<'p> {
         };
         let tile = scan(self.clusters, &place, (width, height));
         let mut pixels = vec![Pixel::empty(self.options); width * height];
+        let mut facets = Kept::new();
         for (index, pixel) in pixels.iter_mut().enumerate() {
             let spot = Spot {
                 column: index % width,
                 row: index / width,
             };
             if let Some(triangle) = tile.triangle(spot) {
-                *pixel = resolve(&place, &tile, spot, triangle);
+                *pixel = resolve((&place, &tile), (spot, triangle), &mut facets);
             }
         }
         let side = self.samples.side() as usize;
@@ -116,7 +142,7 @@ impl<'p> Painter<'p> {
             row: (place.row + corner.row) * side,
         };
         let fine = (side > 1).then(|| scan(self.clusters, &first, (width * side, height * side)));
-        let mut patches = Patches::new(self.samples.frame);
+        let mut patches = Kept::new();
         for spot in spots() {
             let Some(center) = centers.triangle(spot) else {
                 continue;
@@ -126,9 +152,10 @@ impl<'p> Painter<'p> {
                 .pixels
                 .direction(place.column + spot.column, place.row + spot.row);
             let color = match &fine {
-                None => mean_color(std::iter::once(patches.color(center, at_center)), || {
-                    Vec3::ZERO
-                }),
+                None => mean_color(
+                    std::iter::once(self.shade(&mut patches, center, at_center)),
+                    || Vec3::ZERO,
+                ),
                 Some(fine) => self.mean(
                     (&first, fine),
                     (column, row),
@@ -140,13 +167,18 @@ impl<'p> Painter<'p> {
         }
     }
 
+    fn shade(&self, patches: &mut Kept<Patch<'p>>, triangle: u32, direction: DVec3) -> Vec3 {
+        let make = || self.samples.frame.patch(triangle as usize);
+        patches.get(triangle, make).color(direction)
+    }
+
     /// The mean colour of a pixel's samples.
     fn mean(
         &self,
         (first, fine): (&Place<'_>, &Tile),
         (column, row): (usize, usize),
         (center, at_center): (u32, DVec3),
-        patches: &mut Patches<'p>,
+        patches: &mut Kept<Patch<'p>>,
     ) -> [u8; 3] {
         let side = self.samples.side() as usize;
         let mut sum = Vec3::ZERO;
@@ -160,59 +192,57 @@ impl<'p> Painter<'p> {
                 let direction = self
                     .samples
                     .direction(first.column + spot.column, first.row + spot.row);
-                sum += patches.color(triangle, direction);
+                sum += self.shade(patches, triangle, direction);
                 count += 1.0;
             }
         }
         if count == 0.0 {
-            return mean_color(std::iter::empty(), || patches.color(center, at_center));
+            return mean_color(std::iter::empty(), || {
+                self.shade(patches, center, at_center)
+            });
         }
         mean_color(std::iter::once(sum / count), || Vec3::ZERO)
     }
 }
 
 /// Depth and normal at a pixel's centre.
-fn resolve(place: &Place<'_>, tile: &Tile, spot: Spot, triangle: u32) -> Pixel {
-    let (column, row) = (place.column + spot.column, place.row + spot.row);
-    let direction = place.eye.direction(column, row);
-    let crossing = place.eye.frame.cross(triangle as usize, direction);
+fn resolve(
+    (place, tile): (&Place<'_>, &Tile),
+    (spot, triangle): (Spot, u32),
+    facets: &mut Kept<Facet>,
+) -> Pixel {
+    let direction = place
+        .eye
+        .direction(place.column + spot.column, place.row + spot.row);
+    let facet = facets.get(triangle, || place.eye.frame.facet(triangle as usize));
+    let crossing = facet.cross(direction);
     debug_assert!(crossing.is_some(), "the fast path saw what is not there");
-    let crossing = crossing.unwrap_or_else(|| Crossing {
-        distance: f64::from(tile.nearness[spot.row * SIZE + spot.column]).recip(),
-        weights: [0.0; 2],
-    });
-    let visible = Visible {
-        triangle: triangle as usize,
-        crossing,
+    let distance = match crossing {
+        Some(crossing) => crossing.distance,
+        None => f64::from(tile.nearness[spot.row * SIZE + spot.column]).recip(),
     };
-    Pixel::new(&place.eye.frame, &visible, direction, [0; 3])
+    Pixel::new(facet, distance, direction, [0; 3])
 }
 
-/// Patches in use, each made once while its triangle stays near.
-struct Patches<'m> {
-    frame: Frame<'m>,
-    kept: Vec<Option<(u32, Patch<'m>)>>,
+/// What has been worked out about triangles, each once while it is in use.
+struct Kept<T> {
+    slots: Vec<Option<(u32, T)>>,
 }
 
-impl<'m> Patches<'m> {
-    const KEPT: usize = 256;
+impl<T> Kept<T> {
+    const SLOTS: usize = 256;
 
-    fn new(frame: Frame<'m>) -> Self {
+    fn new() -> Self {
         Self {
-            frame,
-            kept: vec![None; Self::KEPT],
+            slots: std::iter::repeat_with(|| None).take(Self::SLOTS).collect(),
         }
     }
 
-    fn color(&mut self, triangle: u32, direction: DVec3) -> Vec3 {
-        let slot = &mut self.kept[triangle as usize % Self::KEPT];
-        match slot {
-            Some((kept, patch)) if *kept == triangle => patch.color(direction),
-            _ => {
-                let patch = self.frame.patch(triangle as usize);
-                *slot = Some((triangle, patch));
-                patch.color(direction)
-            }
+    fn get(&mut self, triangle: u32, make: impl FnOnce() -> T) -> &T {
+        let slot = &mut self.slots[triangle as usize % Self::SLOTS];
+        if slot.as_ref().is_none_or(|(kept, _)| *kept != triangle) {
+            *slot = None;
         }
+        &slot.get_or_insert_with(|| (triangle, make())).1
     }
 }

@@ -11,6 +11,15 @@ const ULP: f32 = 1.2e-7;
 /// Triangles whose corners may be off by more samples than this are tested exactly throughout.
 const MOST_ERROR: f32 = 0.05;
 
+/// The first and the last sample of a tile.
+const WHOLE: (Spot, Spot) = (
+    Spot { column: 0, row: 0 },
+    Spot {
+        column: SIZE - 1,
+        row: SIZE - 1,
+    },
+);
+
 /// Where a tile lies: the grid and its first sample there.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Place<'e> {
@@ -105,7 +114,7 @@ pub(crate) fn draw(
 ) {
     if !scratch.project(place, cluster, content) {
         for &triangle in content.triangles {
-            near::draw(tile, place, triangle);
+            near::draw(tile, place, triangle, WHOLE);
         }
         return;
     }
@@ -129,7 +138,7 @@ pub(crate) fn draw(
         let nearness = corners.map(|corner| scratch.nearness[corner]);
         match Edges::new((xs, ys), nearness, scratch.error) {
             Some(edges) => edges.draw(tile, place, triangle, (from, to)),
-            None => near::draw(tile, place, triangle),
+            None => near::draw(tile, place, triangle, (from, to)),
         }
     }
 }

@@ -12,7 +12,6 @@ const ROUNDING: f64 = 1e-13;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Probe {
     origin: DVec3,
-    direction: DVec3,
     inverse: DVec3,
     ray: Ray,
 }
@@ -21,7 +20,6 @@ impl Probe {
     pub(crate) fn new(origin: DVec3, direction: DVec3) -> Self {
         Self {
             origin,
-            direction,
             inverse: direction.recip(),
             ray: Ray::new(origin, direction),
         }

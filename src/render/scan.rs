@@ -150,7 +150,7 @@ impl Gaze {
     /// Whether everything that the tile can see of the box lies behind what has been drawn.
     fn is_hidden(&self, tile: &mut Tile, seen: &Box3) -> bool {
         let [near, far] = [seen.low[2], seen.high[2]];
-        if !(near > 0.0) {
+        if near <= 0.0 {
             return false;
         }
         let (mut from, mut to) = ([0usize; 2], [0usize; 2]);

@@ -2,7 +2,7 @@
 
 use super::texture::{self, Border};
 use super::triangle::{Crossing, Ray};
-use glam::{DMat3, DVec2, DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use mvs_datasets::scene::{Camera, ColorImage, Corner, Mesh, View};
 
 /// A view of a mesh whose vertices are counted from the mesh's centre, so that large world
@@ -49,28 +49,19 @@ impl<'m> Frame<'m> {
         self.mesh.corners(triangle).map(to_cam)
     }
 
-    /// The point at depth 1 behind continuous image coordinates.
-    pub(crate) fn direction(&self, pixel: DVec2) -> DVec3 {
-        self.camera.ray(pixel)
-    }
-
-    /// Where the ray through `direction` (see [`Self::direction`]) meets the triangle in front of
+    /// Where the ray through `direction` of the camera frame, with z = 1, meets the triangle in front of
     /// the camera; the distance is the z-depth. This decides all visibility.
     pub(crate) fn cross(&self, triangle: usize, direction: DVec3) -> Option<Crossing> {
-        Ray::of_pixel(direction)
-            .cross(self.corners(triangle))
-            .filter(|crossing| crossing.distance > 0.0)
+        cross(self.corners(triangle), direction)
     }
 
-    /// The triangle's unit normal in the camera frame, facing the camera as seen along
-    /// `direction`; zero for a triangle without area.
-    pub(crate) fn facing_normal(&self, triangle: usize, direction: DVec3) -> DVec3 {
-        let [a, b, c] = self.corners(triangle);
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        if normal.dot(direction) > 0.0 {
-            -normal
-        } else {
-            normal
+    /// A triangle as the camera sees it.
+    pub(crate) fn facet(&self, triangle: usize) -> Facet {
+        let corners = self.corners(triangle);
+        let [a, b, c] = corners;
+        Facet {
+            corners,
+            normal: (b - a).cross(c - a).normalize_or_zero(),
         }
     }
 
@@ -83,6 +74,36 @@ impl<'m> Frame<'m> {
             third,
             total: first + second + third,
             look: Look::of(self.mesh, triangle),
+        }
+    }
+}
+
+fn cross(corners: [DVec3; 3], direction: DVec3) -> Option<Crossing> {
+    Ray::of_pixel(direction)
+        .cross(corners)
+        .filter(|crossing| crossing.distance > 0.0)
+}
+
+/// A triangle in the camera frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Facet {
+    corners: [DVec3; 3],
+    /// By the corners' order; zero for a triangle without area.
+    normal: DVec3,
+}
+
+impl Facet {
+    /// As [`Frame::cross`].
+    pub(crate) fn cross(&self, direction: DVec3) -> Option<Crossing> {
+        cross(self.corners, direction)
+    }
+
+    /// The unit normal on the side that is seen along `direction`.
+    pub(crate) fn facing_normal(&self, direction: DVec3) -> DVec3 {
+        if self.normal.dot(direction) > 0.0 {
+            -self.normal
+        } else {
+            self.normal
         }
     }
 }

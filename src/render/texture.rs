@@ -24,11 +24,14 @@ impl Border {
         }
     }
 
+    /// The texel that stands for one at most `size` beyond the border.
     fn texel(self, index: i64, size: u32) -> u32 {
         let size = i64::from(size);
         let inside = match self {
             Self::Clamp => index.clamp(0, size - 1),
-            Self::Repeat => index.rem_euclid(size),
+            Self::Repeat if index < 0 => index + size,
+            Self::Repeat if index >= size => index - size,
+            Self::Repeat => index,
         };
         u32::try_from(inside).unwrap_or_default()
     }

@@ -8,7 +8,7 @@ const BLOCKS: usize = SIZE / BLOCK;
 /// Stands for no triangle.
 pub(crate) const NONE: u32 = u32::MAX;
 /// Relative difference of depths above which the fast paths are trusted to know the nearer.
-pub(crate) const DOUBT: f32 = 4e-6;
+pub(crate) const DOUBT: f32 = 1e-4;
 
 /// A sample of a tile.
 #[derive(Debug, Clone, Copy)]
@@ -126,11 +126,11 @@ mod tests {
         assert_eq!(tile.triangle(SPOT), Some(5));
         tile.offer(SPOT, (7, 1.1), never);
         assert_eq!(tile.triangle(SPOT), Some(7));
-        tile.offer(SPOT, (8, 1.1 * (1.0 + 1e-6)), |triangle| {
+        tile.offer(SPOT, (8, 1.1 * (1.0 + 1e-5)), |triangle| {
             Some(f64::from(triangle))
         });
         assert_eq!(tile.triangle(SPOT), Some(7));
-        tile.offer(SPOT, (9, 1.1 * (1.0 - 1e-6)), |triangle| {
+        tile.offer(SPOT, (9, 1.1 * (1.0 - 1e-5)), |triangle| {
             Some(-f64::from(triangle))
         });
         assert_eq!(tile.triangle(SPOT), Some(9));

@@ -22,22 +22,9 @@ impl Bounds {
     pub(crate) fn around(points: &[[f64; 3]]) -> Self {
         let mut bounds = Self::EMPTY;
         for point in points {
-            for axis in 0..3 {
-                #[allow(clippy::cast_possible_truncation, reason = "rounded outwards below")]
-                let near = point[axis] as f32;
-                let low = if f64::from(near) > point[axis] {
-                    near.next_down()
-                } else {
-                    near
-                };
-                let high = if f64::from(near) < point[axis] {
-                    near.next_up()
-                } else {
-                    near
-                };
-                bounds.low[axis] = lesser(bounds.low[axis], low);
-                bounds.high[axis] = greater(bounds.high[axis], high);
-            }
+            let low = point.map(|value| rounded(value, f32::next_down, |near| near > value));
+            let high = point.map(|value| rounded(value, f32::next_up, |near| near < value));
+            bounds.include(&Self { low, high });
         }
         bounds
     }
@@ -57,6 +44,17 @@ impl Bounds {
 
     fn center(&self, axis: usize) -> f32 {
         0.5 * (self.low[axis] + self.high[axis])
+    }
+}
+
+/// The nearest f32, or its neighbour where it lies on the wrong side.
+fn rounded(value: f64, neighbour: impl Fn(f32) -> f32, wrong: impl Fn(f64) -> bool) -> f32 {
+    #[allow(clippy::cast_possible_truncation, reason = "rounded to the right side")]
+    let near = value as f32;
+    if wrong(f64::from(near)) {
+        neighbour(near)
+    } else {
+        near
     }
 }
 

@@ -501,7 +501,7 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
             let eye = middle + noise.vector().normalize() * reach * *scale;
             let target = middle + noise.vector() * 0.3 * *scale;
             let pose = Pose::looking_at(eye, target, noise.vector()).unwrap();
-            let view = view(pose, 130 + index as u32, 71);
+            let view = view(pose, 90 + index as u32, 51);
             let options = RenderOptions {
                 samples: [1, 4, 9][index % 3],
                 ..RenderOptions::default()
