@@ -219,7 +219,7 @@ pub fn of_crop(evaluation: &Evaluation, reconstruction: &Aabb, truth: &Aabb) -> 
 /// The unit that explains how much larger or smaller the reconstruction is than the truth.
 fn unit_guess(reconstruction: &Aabb, truth: &Aabb) -> Option<&'static str> {
     let ratio = reconstruction.size().length() / truth.size().length();
-    if !(ratio.is_finite() && (ratio > OTHER_UNIT || ratio < 1.0 / OTHER_UNIT)) {
+    if !ratio.is_finite() || (1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&ratio) {
         return None;
     }
     let far = |unit: f64| (ratio / unit).ln().abs();

@@ -72,7 +72,7 @@ fn by_area(mesh: &Mesh, spacing: f64, seed: u64) -> Result<Vec<DVec3>> {
     let total: f64 = triangles(mesh).map(area_of).sum();
     let piece = spacing * spacing;
     let count = (total / piece).ceil();
-    if !(count >= 1.0 && count <= MOST_SAMPLES) {
+    if !(1.0..=MOST_SAMPLES).contains(&count) {
         let problem = format!(
             "expected a surface for 1 to {MOST_SAMPLES} samples, found an area of {total} and a \
              sample per {piece}: is τ in the unit of the mesh?"

@@ -6,6 +6,7 @@ mod fixture;
 mod official;
 mod plain;
 
+use mvs_datasets::layout::files::write_atomically;
 use mvs_eval::jobs::Context;
 use mvs_eval::jobs::score::{self, Protocol, ScoreDocument, ScoreJob};
 use mvs_eval::progress::Silent;
@@ -13,6 +14,7 @@ use mvs_eval::score::tnt::Profile;
 use mvs_eval::warning::Warnings;
 use serde_json::Value;
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// The folder of the real pair, or a line on stderr that says it is not there.
@@ -59,7 +61,8 @@ fn write_transform(path: &Path, rows: &Value) {
             .collect::<Vec<_>>()
             .join(" ")
     };
-    fs::write(path, rows.map(line).collect::<Vec<_>>().join("\n")).unwrap();
+    let text = rows.map(line).collect::<Vec<_>>().join("\n");
+    write_atomically(path, |out| out.write_all(text.as_bytes())).unwrap();
 }
 
 fn saharov(folder: &Path, out: &Path) -> ScoreJob {
