@@ -21,7 +21,6 @@ import time
 import numpy as np
 
 CAMERAS = 60
-REPEATS = 3
 
 
 def scene(folder, count):
@@ -129,6 +128,7 @@ def main():
     parser.add_argument("--binary")
     parser.add_argument("--out")
     parser.add_argument("--points", type=int, nargs="+", default=[1_000_000])
+    parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--open3d", nargs=2, metavar=("FOLDER", "TAU"))
     args = parser.parse_args()
     if args.open3d:
@@ -138,7 +138,7 @@ def main():
     for count in args.points:
         with tempfile.TemporaryDirectory() as folder:
             tau = scene(folder, count)
-            for repeat in range(REPEATS):
+            for repeat in range(args.repeats):
                 ours = [args.binary, "score", "--protocol", "tnt", "--scene", f"{folder}/Bench",
                         "--reconstruction", f"{folder}/rec.ply", "--trajectory", f"{folder}/rec.log",
                         "--tau", repr(float(tau)), "--profile", "official", "--one-profile",
