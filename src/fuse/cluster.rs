@@ -285,10 +285,10 @@ impl Clusters<'_> {
     }
 
     fn load(&mut self, index: usize) -> Result<Arc<Loaded>> {
-        if let Some(loaded) = &self.loaded[index] {
-            if loaded.last_used == self.now {
-                return Ok(Arc::clone(loaded));
-            }
+        if let Some(loaded) = &self.loaded[index]
+            && loaded.last_used == self.now
+        {
+            return Ok(Arc::clone(loaded));
         }
         let loaded = match self.loaded[index].take() {
             Some(mut loaded) => {

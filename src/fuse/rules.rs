@@ -4,6 +4,7 @@ use super::kernel::{BLOCK, Block, Seen, Taps};
 use super::options::{FuseMode, FuseOptions, Sampling};
 use glam::DVec3;
 use mvs_datasets::scene::View;
+use pulp::Arch;
 
 /// The bounds of the two-way check for one reference view.
 #[derive(Debug, Clone, Copy)]
@@ -114,31 +115,46 @@ impl Rule {
         disparity: &[f32],
     ) -> Consensus {
         let mut consensus = Consensus::new();
+        Arch::new().dispatch(|| {
+            self.judge(seen, bounds, disparity, &mut consensus);
+            match self {
+                Self::Average | Self::Dynamic => mean(seen, &mut consensus),
+                Self::Median | Self::Keep | Self::Disparity => {}
+            }
+        });
+        let needed = u32::try_from(needed).unwrap_or(u32::MAX);
+        for i in 0..BLOCK {
+            consensus.enough[i] = consensus.count[i] >= needed;
+        }
+        match self {
+            Self::Median => median(block, seen, &mut consensus),
+            Self::Dynamic => dynamic(block, seen, &mut consensus),
+            Self::Average | Self::Keep | Self::Disparity => {}
+        }
+        consensus
+    }
+
+    /// Which sources agree, and how many.
+    #[inline(always)]
+    fn judge(
+        self,
+        seen: &mut [Seen],
+        bounds: &Bounds,
+        disparity: &[f32],
+        consensus: &mut Consensus,
+    ) {
         for (index, source) in seen.iter_mut().enumerate() {
             match self {
                 Self::Dynamic => within_widest(source),
                 Self::Disparity => within_disparity(source, disparity[index]),
                 Self::Average | Self::Median | Self::Keep => within_bounds(source, bounds),
             }
-            tally(source, bounds, &mut consensus);
+            tally(source, bounds, consensus);
         }
-        let needed = u32::try_from(needed).unwrap_or(u32::MAX);
-        for i in 0..BLOCK {
-            consensus.enough[i] = consensus.count[i] >= needed;
-        }
-        match self {
-            Self::Average => mean(seen, &mut consensus),
-            Self::Median => median(block, seen, &mut consensus),
-            Self::Keep | Self::Disparity => {}
-            Self::Dynamic => {
-                mean(seen, &mut consensus);
-                dynamic(block, seen, &mut consensus);
-            }
-        }
-        consensus
     }
 }
 
+#[inline(always)]
 fn within_bounds(seen: &mut Seen, bounds: &Bounds) {
     for i in 0..BLOCK {
         let near = (seen.pixel2[i] < bounds.pixel2) | (seen.relative[i] < bounds.tight);
@@ -150,10 +166,12 @@ fn within_bounds(seen: &mut Seen, bounds: &Bounds) {
 const STEPS: std::ops::RangeInclusive<u32> = 2..=10;
 
 /// How many steps wide the bounds must be for the source to agree: below i at step i.
+#[inline(always)]
 fn step(seen: &Seen, i: usize) -> f32 {
     (4.0 * seen.pixel2[i].sqrt()).max(1300.0 * seen.relative[i])
 }
 
+#[inline(always)]
 #[allow(clippy::cast_precision_loss, reason = "ten")]
 fn within_widest(seen: &mut Seen) {
     for i in 0..BLOCK {
@@ -172,6 +190,7 @@ fn dynamic(block: &Block, seen: &[Seen], consensus: &mut Consensus) {
 }
 
 /// |f·B/z − f·B/D| below the bound, by the ratio z/D; `scale` is f·B over the bound.
+#[inline(always)]
 fn within_disparity(seen: &mut Seen, scale: f32) {
     for i in 0..BLOCK {
         let off = scale * (seen.ratio[i] - 1.0).abs();
@@ -179,6 +198,7 @@ fn within_disparity(seen: &mut Seen, scale: f32) {
     }
 }
 
+#[inline(always)]
 fn tally(seen: &Seen, bounds: &Bounds, consensus: &mut Consensus) {
     for i in 0..BLOCK {
         let through = (seen.near[i] > 0.0) & (seen.near[i] < bounds.through);
@@ -187,6 +207,7 @@ fn tally(seen: &Seen, bounds: &Bounds, consensus: &mut Consensus) {
     }
 }
 
+#[inline(always)]
 fn mean(seen: &[Seen], consensus: &mut Consensus) {
     let mut sum = [0.0f32; BLOCK];
     for source in seen {
