@@ -1,7 +1,7 @@
 use super::blend::BlendFlags;
 use super::common::{Centre, Global, Verdict, resolve, with_context};
 use super::output::{answer, pairs};
-use super::render::RenderFlags;
+use super::render::{CameraFlags, RenderFlags};
 use clap::Args;
 use mvs_eval::config::Size;
 use mvs_eval::jobs::generate::{self, GenerateJob};
@@ -21,7 +21,7 @@ pub(crate) struct GenerateArgs {
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     mesh: Vec<PathBuf>,
-    /// A folder of MVSNet cams (00000000_cam.txt …)
+    /// Cameras: a folder of MVSNet cams, a COLMAP model, transforms.json, or a .log
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
     /// A folder of photographs, 00000000.jpg …
@@ -36,9 +36,8 @@ pub(crate) struct GenerateArgs {
     /// The 24 hexadecimal digits of the scene's folder
     #[arg(long, value_name = "HEX")]
     id: Option<String>,
-    /// The image size that the intrinsics are for; by default the photographs'
-    #[arg(long, value_name = "WxH")]
-    camera_size: Option<Size>,
+    #[command(flatten)]
+    camera: CameraFlags,
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,

@@ -6,6 +6,7 @@
 mod bars;
 mod blend;
 mod common;
+mod compare;
 mod demo;
 mod fuse;
 mod generate;
@@ -15,6 +16,7 @@ mod render;
 mod replay;
 mod report;
 mod score;
+mod verify;
 
 use clap::{Parser, Subcommand};
 use common::{Global, Verdict};
@@ -54,6 +56,8 @@ enum Command {
     Fuse(fuse::FuseArgs),
     Score(score::ScoreArgs),
     Report(report::ReportArgs),
+    Compare(compare::CompareArgs),
+    Verify(verify::VerifyArgs),
     Render(render::RenderArgs),
     Blend(blend::BlendArgs),
     Inspect(inspect::InspectArgs),
@@ -91,6 +95,8 @@ fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
         Command::Blend(args) => blend::run(args, global),
         Command::Generate(args) => generate::run(args, global),
         Command::Report(args) => report::run(args, global),
+        Command::Compare(args) => compare::run(args, global),
+        Command::Verify(args) => verify::run(args, global),
         Command::Render(args) => render::run(args, global),
         Command::Fuse(args) => fuse::run(args, global),
         Command::Inspect(args) => inspect::run(args, global),

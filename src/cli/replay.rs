@@ -1,5 +1,5 @@
 use super::common::{Global, Verdict};
-use super::{blend, demo, fuse, generate, output, render, report, score};
+use super::{blend, demo, fuse, generate, output, render, report, score, verify};
 use clap::Args;
 use mvs_eval::config;
 use mvs_eval::provenance::Run;
@@ -35,6 +35,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "demo" => demo::execute(&config::resolve(layers)?, global),
         "blend" => blend::execute(&config::resolve(layers)?, global),
         "generate" => generate::execute(&config::resolve(layers)?, global),
+        "verify" => verify::execute(&config::resolve(layers)?, global),
         "report" => report::execute(&config::resolve(layers)?, global),
         "render" => render::execute(&config::resolve(layers)?, global),
         "score" => score::execute(&config::resolve(layers)?, global),

@@ -1,16 +1,20 @@
 use super::common::{Global, Verdict, resolve, with_context};
-use super::output::{answer, table};
+use super::output::{answer, pairs, table};
 use clap::Args;
 use mvs_eval::jobs::report::{self, ReportJob, ReportOutcome};
 use serde::Serialize;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Join records into leaderboards
 ///
 /// Writes results.csv (all records in long form) and leaderboard.csv, .md and .tex in the style of
 /// the benchmark's site, leaderboard_paper.csv, .md and .tex in the style of papers. Records of
 /// different protocols, profiles or thresholds never share a table.
+///
+/// With --check, instead, recomputes the F-scores and averages of a published table (CSV with the
+/// columns method, metric, one per scene, Average), lists what does not follow from its own numbers,
+/// and exits with 1 if there is such a slip.
 ///
 /// Example: mvs-eval report results --out leaderboards
 #[derive(Debug, Args, Serialize)]
@@ -21,10 +25,44 @@ pub(crate) struct ReportArgs {
     /// The folder to write
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Check a published table instead
+    #[arg(long, value_name = "TABLE", conflicts_with_all = ["records", "out"])]
+    #[serde(skip)]
+    check: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &ReportArgs, global: &Global) -> anyhow::Result<Verdict> {
-    execute(&resolve("report", args, global)?, global)
+    match &args.check {
+        Some(path) => check(path, global),
+        None => execute(&resolve("report", args, global)?, global),
+    }
+}
+
+fn check(path: &Path, global: &Global) -> anyhow::Result<Verdict> {
+    let checked = report::check_table(path)?;
+    let slips: Vec<String> = checked.slips.iter().map(ToString::to_string).collect();
+    let value = json!({
+        "slips": slips,
+        "f_scores": checked.f_scores,
+        "averages": checked.averages,
+        "unchecked": checked.unchecked,
+    });
+    answer(global.format, &value, || {
+        pairs(&[
+            ("F-scores recomputed", checked.f_scores.to_string()),
+            ("averages recomputed", checked.averages.to_string()),
+            ("not to be recomputed", checked.unchecked.to_string()),
+            (
+                "slips",
+                if slips.is_empty() {
+                    "none".to_owned()
+                } else {
+                    slips.join("\n")
+                },
+            ),
+        ])
+    })?;
+    Ok(Verdict::failed_if(!slips.is_empty()))
 }
 
 pub(crate) fn execute(job: &ReportJob, global: &Global) -> anyhow::Result<Verdict> {

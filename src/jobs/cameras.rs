@@ -27,18 +27,18 @@ pub struct CameraOptions {
 /// together.
 const NEAR: f64 = 0.05;
 
-/// Reads the cameras at `path` and fits them to images of `wanted` size.
+/// Reads the cameras at `path`.
 ///
-/// A `cam.txt` has no image size: without `options.size` it is `wanted` where that goes with the
-/// principal point, else twice the principal point, which is then scaled and cropped to `wanted`.
+/// A `cam.txt` has no image size: without `options.size` it is `likely` where that goes with the
+/// principal point, else twice the principal point.
 pub fn read(
     path: &Path,
     (pixel_centre, options): (PixelCentre, &CameraOptions),
-    wanted: Option<Size>,
+    likely: Option<Size>,
     context: &Context<'_>,
 ) -> Result<Scene> {
     let read = read_files(path, pixel_centre, options)?;
-    let assumed = wanted.filter(|&size| {
+    let assumed = likely.filter(|&size| {
         let first = read.scene.views().first();
         options.size.is_none()
             && read.source == CameraSource::Cams
@@ -58,10 +58,7 @@ pub fn read(
     for note in &read.notes {
         context.warnings.add("cameras", note.clone());
     }
-    match wanted {
-        Some(size) => fitted(read.scene, size),
-        None => Ok(read.scene),
-    }
+    Ok(read.scene)
 }
 
 fn read_files(
@@ -85,7 +82,8 @@ fn goes_with(size: Size, camera: &Camera) -> bool {
     near(size.width, center.x) && near(size.height, center.y)
 }
 
-fn fitted(scene: Scene, size: Size) -> Result<Scene> {
+/// The scene with cameras scaled to cover images of `size` and cropped to their centre.
+pub fn fitted(scene: Scene, size: Size) -> Result<Scene> {
     let fit = |view: &View| -> Result<View> {
         Ok(Fit::new(&view.camera, Some((size.width, size.height)))?.view(view))
     };

@@ -1,5 +1,6 @@
 //! `mvs-eval generate`: mesh + cameras + photographs → a BlendedMVS scene.
 
+use super::cameras::{self, CameraOptions};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -8,8 +9,8 @@ use crate::provenance::Run;
 use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::mesh;
-use mvs_datasets::layout::mvsnet::{self, CamsOptions, PixelCentre};
-use mvs_datasets::scene::Scene;
+use mvs_datasets::layout::mvsnet::PixelCentre;
+use mvs_datasets::scene::{Distortion, Scene, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 pub struct GenerateJob {
     /// Mesh files, or folders of them; together they are one scene.
     pub mesh: Vec<PathBuf>,
-    /// A folder of MVSNet cams.
+    /// Cameras in any form that [`mvs_datasets::layout::cameras`] knows.
     pub cameras: PathBuf,
     /// A folder of photographs, named by view id.
     pub photos: PathBuf,
@@ -30,9 +31,9 @@ pub struct GenerateJob {
     pub name: Option<String>,
     /// The 24 hexadecimal digits of the scene's folder instead of the name's hash.
     pub id: Option<String>,
-    /// The image size the intrinsics are for; without it the photographs' size, or, where that does
-    /// not agree with the principal point, twice the principal point.
-    pub camera_size: Option<Size>,
+    /// What the camera files leave open; the image size is the photographs' where that goes with the
+    /// principal point.
+    pub camera: CameraOptions,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
     /// How the scene is made.
@@ -103,35 +104,40 @@ fn id_of(job: &GenerateJob, name: &str) -> Result<String> {
     }
 }
 
-/// The cameras, with the image size that their intrinsics are for.
+/// The cameras; the photographs' size helps where the camera files have none.
 fn read_cameras(job: &GenerateJob, context: &Context<'_>) -> Result<Scene> {
-    let options = |size: Option<(u32, u32)>| CamsOptions {
-        pixel_centre: job.pixel_center,
-        size,
-    };
-    let given = job.camera_size.map(|size| (size.width, size.height));
-    let scene = mvsnet::read_scene(&job.cameras, &options(given))?;
-    let (None, Some(first)) = (given, scene.views().first()) else {
+    let options = (job.pixel_center, &job.camera);
+    let scene = cameras::read(&job.cameras, options, None, context)?;
+    let Some(first) = scene.views().first() else {
         return Ok(scene);
     };
-    let photographs = PhotoFolder::open(&job.photos, scene.views())?;
-    let found = photographs.size(first)?;
-    let center = first.camera.center();
-    let near = |length: u32, center: f64| (2.0 * center / f64::from(length) - 1.0).abs() < 0.05;
-    if near(found.0, center.x) && near(found.1, center.y) {
-        return Ok(mvsnet::read_scene(&job.cameras, &options(Some(found)))?);
+    let (width, height) = PhotoFolder::open(&job.photos, scene.views())?.size(first)?;
+    let photographs = Size { width, height };
+    let scene = cameras::read(&job.cameras, options, Some(photographs), context)?;
+    for view in scene.views() {
+        check_lens(view)?;
     }
-    let message = format!(
-        "the photographs have {} x {} pixels, the principal point of view {} is ({}, {}); its \
-         intrinsics are taken to be for {} x {} pixels; give the size to say otherwise",
-        found.0,
-        found.1,
-        first.id,
-        center.x,
-        center.y,
-        first.camera.width(),
-        first.camera.height()
-    );
-    context.warnings.add("camera-size", message);
+    if let Some(first) = scene.views().first()
+        && (first.camera.width(), first.camera.height()) != (width, height)
+    {
+        let message = format!(
+            "the photographs have {photographs} pixels, the intrinsics of view {} are taken to be \
+             for {}x{}; photographs are resized to that",
+            first.id,
+            first.camera.width(),
+            first.camera.height()
+        );
+        context.warnings.add("camera-size", message);
+    }
     Ok(scene)
+}
+
+/// A data set's cams cannot describe a lens.
+fn check_lens(view: &View) -> Result<()> {
+    if view.camera.distortion() == Distortion::None {
+        return Ok(());
+    }
+    let problem = "expected a camera without lens distortion, found one with; a BlendedMVS cam \
+                   cannot hold it: undistort photographs and cameras first";
+    Err(Error::invalid(format!("view {}", view.id), problem))
 }

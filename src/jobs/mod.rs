@@ -6,6 +6,7 @@
 
 pub mod blend;
 pub mod cameras;
+pub mod compare;
 pub mod demo;
 pub mod fuse;
 pub mod generate;

@@ -63,7 +63,10 @@ pub struct RenderedView {
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let options = (job.pixel_center, &job.camera);
-    let scene = cameras::read(&job.cameras, options, job.size, context)?;
+    let mut scene = cameras::read(&job.cameras, options, job.size, context)?;
+    if let Some(size) = job.size {
+        scene = cameras::fitted(scene, size)?;
+    }
     let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
     inputs.push(&job.cameras);
     let out = OutDir::create(&job.out, Run::new("render", job, &inputs)?, context.force)?;

@@ -3,6 +3,7 @@
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
 use crate::provenance::Run;
+use crate::report::check::{self, Checked};
 use crate::report::leaderboard::{self, Board};
 use crate::report::record::{self, Record};
 use crate::report::table::Table;
@@ -37,15 +38,7 @@ pub struct ReportOutcome {
 
 /// Joins the records and writes `results.csv` and the leaderboards.
 pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
-    let files = find_records(&job.records)?;
-    let mut records = Vec::new();
-    for path in &files {
-        records.extend(read_records(path)?);
-    }
-    if records.is_empty() {
-        let problem = "expected rows of records in the given files, found none";
-        return Err(Error::invalid("report", problem));
-    }
+    let (files, records) = read_all(&job.records)?;
     let boards = leaderboard::boards(&records)?;
     let inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     let out = OutDir::create(&job.out, Run::new("report", job, &inputs)?, context.force)?;
@@ -71,8 +64,23 @@ fn write_tables(out: &OutDir, boards: &[Board]) -> Result<Vec<Table>> {
     Ok(site)
 }
 
-fn read_records(path: &Path) -> Result<Vec<Record>> {
-    Ok(files::read_with(path, |bytes| record::read(bytes))?)
+/// The files of records at `paths`, and all their rows, of which there is at least one.
+pub(super) fn read_all(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<Record>)> {
+    let found = find_records(paths)?;
+    let mut records = Vec::new();
+    for path in &found {
+        records.extend(files::read_with(path, |bytes| record::read(bytes))?);
+    }
+    if records.is_empty() {
+        let problem = "expected rows of records in the given files, found none";
+        return Err(Error::invalid("report", problem));
+    }
+    Ok((found, records))
+}
+
+/// Recomputes what a published table derives; see [`check::check`].
+pub fn check_table(path: &Path) -> Result<Checked> {
+    Ok(files::read_with(path, |bytes| check::check(bytes))?)
 }
 
 /// The given files, and the files of records in the given folders, by name.

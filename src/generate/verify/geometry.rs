@@ -330,14 +330,15 @@ fn judge_readings(
     let others = Reading::all().into_iter().skip(1);
     let judged = others.filter_map(|reading| Some((merit_of(reading)?, reading)));
     let best = judged.max_by(|a, b| a.0.0.total_cmp(&b.0.0));
-    if let Some(((merit, better), reading)) = best {
-        if merit > 2.0 * as_is {
-            let message = format!(
-                "{}; the views then agree to {better:.2e} (median, relative), as they are to {difference:.2e}",
-                reading.advice()
-            );
-            return Some(Finding::fault(reading.code(), "all views", message));
-        }
+    if let Some(((merit, better), reading)) = best
+        && merit > 2.0 * as_is
+    {
+        let message = format!(
+            "{}; the views then agree to {better:.2e} (median, relative), as they are to \
+             {difference:.2e}",
+            reading.advice()
+        );
+        return Some(Finding::fault(reading.code(), "all views", message));
     }
     (as_is == 0.0 && judged_enough(scene)).then(|| {
         let message = "expected depths that agree where views see the same surface, found none \

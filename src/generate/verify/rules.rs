@@ -202,7 +202,7 @@ fn pair_text(text: &str, cams: &BTreeSet<u32>, findings: &mut Vec<Finding>) {
     let mut rows = lines.into_iter().filter(|line| !line.trim().is_empty());
     let promised: Option<usize> = rows.next().and_then(|line| line.trim().parse().ok());
     let rows: Vec<&str> = rows.collect();
-    if promised != Some(rows.len() / 2) || rows.len() % 2 != 0 {
+    if promised != Some(rows.len() / 2) || !rows.len().is_multiple_of(2) {
         let message = format!(
             "expected the number of references and two lines for each, found {promised:?} and {} lines",
             rows.len()
@@ -287,7 +287,10 @@ fn pair_entries(
                 format!("expected every source to be a reference too, found {source}"),
             );
         }
-        if let Some((source, score)) = sources.iter().find(|(_, score)| !(*score > 0.0)) {
+        if let Some((source, score)) = sources
+            .iter()
+            .find(|(_, score)| score.is_nan() || *score <= 0.0)
+        {
             fault(
                 "score-zero",
                 format!("expected scores above 0, found {score} for source {source}"),

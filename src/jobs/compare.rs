@@ -1,0 +1,37 @@
+//! `mvs-eval compare`: two sets of records, cell by cell.
+
+use super::{Context, report};
+use crate::error::Result;
+use crate::report::compare::{self, CompareOptions, Comparison, Mixing};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Options of `mvs-eval compare`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CompareJob {
+    /// Records, or a folder that holds them: how it was.
+    pub before: PathBuf,
+    /// Records, or a folder that holds them: how it is.
+    pub after: PathBuf,
+    /// F-score differences up to this are no differences; 1e-9 when not given.
+    pub tolerance: Option<f64>,
+    /// Compare records of different protocols or profiles too.
+    pub mix: bool,
+}
+
+/// Compares the F-scores.
+pub fn run(job: &CompareJob, _context: &Context<'_>) -> Result<Comparison> {
+    let before = report::read_all(std::slice::from_ref(&job.before))?.1;
+    let after = report::read_all(std::slice::from_ref(&job.after))?.1;
+    let standard = CompareOptions::default();
+    let options = CompareOptions {
+        tolerance: job.tolerance.unwrap_or(standard.tolerance),
+        mixing: if job.mix {
+            Mixing::Allowed
+        } else {
+            Mixing::Refused
+        },
+    };
+    compare::compare(&before, &after, &options)
+}
