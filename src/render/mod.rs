@@ -23,7 +23,7 @@ mod triangle;
 use crate::error::{Error, Result};
 use clusters::Clusters;
 use glam::{DVec3, Vec3};
-use mvs_datasets::scene::{ColorImage, DepthMap, Mesh, NormalMap, Raster, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, Mesh, NormalMap, View};
 use rays::Probe;
 use serde::{Deserialize, Serialize};
 use surface::{Facet, Frame};
@@ -218,25 +218,4 @@ fn mean_color(samples: impl Iterator<Item = Vec3>, at_center: impl FnOnce() -> V
         reason = "a mean of 8-bit values"
     )]
     mean.to_array().map(|value| (value + 0.5) as u8)
-}
-
-/// A rendering from its pixels, row by row.
-fn assembled(
-    (width, height): (u32, u32),
-    pixels: impl Iterator<Item = Pixel>,
-) -> Result<Rendering> {
-    let count = width as usize * height as usize;
-    let mut color = Vec::with_capacity(count);
-    let mut depth = Vec::with_capacity(count);
-    let mut normals = Vec::with_capacity(count);
-    for pixel in pixels {
-        color.push(pixel.color);
-        depth.push(pixel.depth);
-        normals.push(pixel.normal);
-    }
-    Ok(Rendering {
-        color: Raster::from_values(width, height, color)?,
-        depth: DepthMap::from_values(width, height, depth)?.0,
-        normals: Raster::from_values(width, height, normals)?,
-    })
 }

@@ -5,11 +5,11 @@ use super::bvh::Bvh;
 use super::eye::Eye;
 use super::surface::Frame;
 use super::triangle::{Crossing, Ray};
-use super::{Hit, Pixel, RenderOptions, Rendering, Visible, assembled, mean_color};
+use super::{Hit, Pixel, RenderOptions, Rendering, Visible, mean_color};
 use crate::error::Result;
 use crate::parallel;
 use glam::DVec3;
-use mvs_datasets::scene::{Aabb, Mesh, View};
+use mvs_datasets::scene::{Aabb, DepthMap, Mesh, Raster, View};
 
 /// Rounding of coordinates, relative to the largest of them, that boxes are enlarged by.
 const ROUNDING: f64 = 1e-13;
@@ -114,4 +114,25 @@ impl<'m> Oracle<'m> {
             });
         best
     }
+}
+
+/// A rendering from its pixels, row by row.
+fn assembled(
+    (width, height): (u32, u32),
+    pixels: impl Iterator<Item = Pixel>,
+) -> Result<Rendering> {
+    let count = width as usize * height as usize;
+    let mut color = Vec::with_capacity(count);
+    let mut depth = Vec::with_capacity(count);
+    let mut normals = Vec::with_capacity(count);
+    for pixel in pixels {
+        color.push(pixel.color);
+        depth.push(pixel.depth);
+        normals.push(pixel.normal);
+    }
+    Ok(Rendering {
+        color: Raster::from_values(width, height, color)?,
+        depth: DepthMap::from_values(width, height, depth)?.0,
+        normals: Raster::from_values(width, height, normals)?,
+    })
 }

@@ -6,10 +6,11 @@ use super::raster::Place;
 use super::scan::scan;
 use super::surface::{Facet, Frame, Patch};
 use super::tile::{NONE, SIZE, Spot, Tile};
-use super::{Pixel, RenderOptions, Rendering, assembled, mean_color};
+use super::{Pixel, RenderOptions, Rendering, mean_color};
 use crate::error::Result;
 use crate::parallel;
 use glam::{DVec3, Vec3};
+use mvs_datasets::scene::{DepthMap, Raster};
 
 /// Renders a view with `side` × `side` colour samples per pixel.
 pub(crate) fn render(
@@ -26,21 +27,63 @@ pub(crate) fn render(
         options,
     };
     let across = width.div_ceil(SIZE);
+    let corner = |index: usize| (index % across * SIZE, index / across * SIZE);
     let tiles = parallel::map(across * height.div_ceil(SIZE), |index| {
-        let (column, row) = (index % across * SIZE, index / across * SIZE);
-        painter.paint(
-            (column, row),
-            (SIZE.min(width - column), SIZE.min(height - row)),
-        )
+        let (column, row) = corner(index);
+        let size = (SIZE.min(width - column), SIZE.min(height - row));
+        painter.paint((column, row), size)
     });
-    let pixels = (0..height).flat_map(|row| {
-        let tiles = &tiles;
-        (0..width).map(move |column| {
-            let tile = &tiles[row / SIZE * across + column / SIZE];
-            tile[row % SIZE * SIZE.min(width - column / SIZE * SIZE) + column % SIZE]
+    let mut whole = Maps::empty(width * height, options);
+    for (index, tile) in tiles.iter().enumerate() {
+        if let Some(tile) = tile {
+            whole.put(tile, corner(index), width);
+        }
+    }
+    whole.finish((camera.width(), camera.height()))
+}
+
+/// The columns of a rendering, or of a tile of it.
+struct Maps {
+    width: usize,
+    color: Vec<[u8; 3]>,
+    depth: Vec<f32>,
+    normals: Vec<[f32; 3]>,
+}
+
+impl Maps {
+    fn empty(count: usize, options: &RenderOptions) -> Self {
+        Self {
+            width: 0,
+            color: vec![options.background; count],
+            depth: vec![0.0; count],
+            normals: vec![[0.0; 3]; count],
+        }
+    }
+
+    /// Copies a tile to where its first pixel is (`column`, `row`).
+    fn put(&mut self, tile: &Self, (column, row): (usize, usize), width: usize) {
+        for (index, from) in (0..tile.depth.len()).step_by(tile.width).enumerate() {
+            let to = (row + index) * width + column;
+            let (from, to) = (from..from + tile.width, to..to + tile.width);
+            self.color[to.clone()].copy_from_slice(&tile.color[from.clone()]);
+            self.depth[to.clone()].copy_from_slice(&tile.depth[from.clone()]);
+            self.normals[to].copy_from_slice(&tile.normals[from]);
+        }
+    }
+
+    fn set(&mut self, index: usize, pixel: &Pixel) {
+        self.color[index] = pixel.color;
+        self.depth[index] = pixel.depth;
+        self.normals[index] = pixel.normal;
+    }
+
+    fn finish(self, (width, height): (u32, u32)) -> Result<Rendering> {
+        Ok(Rendering {
+            color: Raster::from_values(width, height, self.color)?,
+            depth: DepthMap::from_values(width, height, self.depth)?.0,
+            normals: Raster::from_values(width, height, self.normals)?,
         })
-    });
-    assembled((camera.width(), camera.height()), pixels)
+    }
 }
 
 /// How many pixels of a view see the surface.
@@ -80,23 +123,31 @@ struct Painter<'p> {
 }
 
 impl<'p> Painter<'p> {
-    /// The pixels of a tile whose first pixel is (`column`, `row`), row by row.
-    fn paint(&self, (column, row): (usize, usize), (width, height): (usize, usize)) -> Vec<Pixel> {
+    /// The pixels of a tile whose first pixel is (`column`, `row`); `None` when it is empty.
+    fn paint(
+        &self,
+        (column, row): (usize, usize),
+        (width, height): (usize, usize),
+    ) -> Option<Maps> {
         let place = Place {
             eye: &self.pixels,
             column,
             row,
         };
         let tile = scan(self.clusters, &place, (width, height));
-        let mut pixels = vec![Pixel::empty(self.options); width * height];
+        if tile.triangles.iter().all(|&triangle| triangle == NONE) {
+            return None;
+        }
+        let mut maps = Maps::empty(width * height, self.options);
+        maps.width = width;
         let mut facets = Kept::new();
-        for (index, pixel) in pixels.iter_mut().enumerate() {
-            let spot = Spot {
-                column: index % width,
-                row: index / width,
-            };
-            if let Some(triangle) = tile.triangle(spot) {
-                *pixel = resolve((&place, &tile), (spot, triangle), &mut facets);
+        for row in 0..height {
+            for column in 0..width {
+                let spot = Spot { column, row };
+                if let Some(triangle) = tile.triangle(spot) {
+                    let pixel = resolve((&place, &tile), (spot, triangle), &mut facets);
+                    maps.set(row * width + column, &pixel);
+                }
             }
         }
         let side = self.samples.side() as usize;
@@ -111,11 +162,11 @@ impl<'p> Painter<'p> {
                         row: top,
                     },
                     (size, width),
-                    &mut pixels,
+                    &mut maps.color,
                 );
             }
         }
-        pixels
+        Some(maps)
     }
 
     /// Gives the pixels of a part of a tile, `size` pixels from `corner` on, their colours.
@@ -124,7 +175,7 @@ impl<'p> Painter<'p> {
         (place, centers): (&Place<'_>, &Tile),
         corner: Spot,
         ((width, height), stride): ((usize, usize), usize),
-        pixels: &mut [Pixel],
+        colors: &mut [[u8; 3]],
     ) {
         let spots = || {
             (0..width * height).map(|index| Spot {
@@ -163,7 +214,7 @@ impl<'p> Painter<'p> {
                     &mut patches,
                 ),
             };
-            pixels[spot.row * stride + spot.column].color = color;
+            colors[spot.row * stride + spot.column] = color;
         }
     }
 

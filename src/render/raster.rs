@@ -11,6 +11,8 @@ const ULP: f32 = 1.2e-7;
 /// Triangles whose corners may be off by more samples than this are tested exactly throughout.
 const MOST_ERROR: f32 = 0.05;
 
+/// Samples whose edge functions are worked out side by side.
+const LANES: usize = 8;
 /// The first and the last sample of a tile.
 const WHOLE: (Spot, Spot) = (
     Spot { column: 0, row: 0 },
@@ -79,10 +81,11 @@ impl Projected {
         if nearest <= 0.0 {
             return false;
         }
-        let farthest = sx
-            .iter()
-            .chain(sy.iter())
-            .fold(0.0f32, |m, v| if v.abs() > m { v.abs() } else { m });
+        let mut farthest = 0.0f32;
+        for (x, y) in sx.iter().zip(sy.iter()) {
+            let reach = if x.abs() > y.abs() { x.abs() } else { y.abs() };
+            farthest = if reach > farthest { reach } else { farthest };
+        }
         self.error = error(place, cluster, nearest, farthest);
         self.error < MOST_ERROR
     }
@@ -209,38 +212,62 @@ impl Edges {
         })
     }
 
-    /// Offers the triangle to all samples between two corners.
+    /// Offers the triangle to all samples between two corners, both included.
     fn draw(&self, tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to): (Spot, Spot)) {
-        for row in from.row..=to.row {
+        for row in from.row..to.row + 1 {
             let y = row as f32;
             let start = [0, 1, 2].map(|edge| self.at_origin[edge] + self.along_y[edge] * y);
-            for column in from.column..=to.column {
-                let x = column as f32;
-                let at = [0, 1, 2].map(|edge| start[edge] + self.along_x[edge] * x);
-                let (least, _) = spread(at);
-                if least < -self.doubt {
-                    continue;
-                }
-                let exact = |triangle| {
-                    let crossing =
-                        place
-                            .eye
-                            .cross(triangle, place.column + column, place.row + row);
-                    crossing.map(|crossing| crossing.distance)
-                };
-                let spot = Spot { column, row };
-                if least > self.doubt {
-                    let nearness = at[0] * self.nearness[0]
-                        + at[1] * self.nearness[1]
-                        + at[2] * self.nearness[2];
-                    tile.offer(spot, (triangle, nearness), exact);
-                } else if let Some(distance) = exact(triangle) {
-                    #[allow(clippy::cast_possible_truncation, reason = "well below DOUBT")]
-                    tile.offer(spot, (triangle, (1.0 / distance) as f32), exact);
+            for first in (from.column..to.column + 1).step_by(LANES) {
+                let (least, nearness) = self.lanes(start, first as f32);
+                for lane in 0..LANES.min(to.column + 1 - first) {
+                    if least[lane] < -self.doubt {
+                        continue;
+                    }
+                    let column = first + lane;
+                    let spot = Spot { column, row };
+                    let known = (least[lane] > self.doubt).then_some(nearness[lane]);
+                    if known.is_none_or(|nearness| !tile.try_offer(spot, (triangle, nearness))) {
+                        settle(tile, place, (spot, triangle), known);
+                    }
                 }
             }
         }
         tile.touch(from, to);
+    }
+
+    /// The least of the edge functions and the nearness at some samples from column `x` on of the
+    /// row where the functions start with `start`.
+    #[inline]
+    fn lanes(&self, start: [f32; 3], x: f32) -> ([f32; LANES], [f32; LANES]) {
+        let mut least = [0.0; LANES];
+        let mut nearness = [0.0; LANES];
+        for lane in 0..LANES {
+            let x = x + lane as f32;
+            let at = [0, 1, 2].map(|edge| start[edge] + self.along_x[edge] * x);
+            let low = if at[0] < at[1] { at[0] } else { at[1] };
+            least[lane] = if at[2] < low { at[2] } else { low };
+            nearness[lane] =
+                at[0] * self.nearness[0] + at[1] * self.nearness[1] + at[2] * self.nearness[2];
+        }
+        (least, nearness)
+    }
+}
+
+/// Offers a triangle where f32 is in doubt about what is nearer or, without a known nearness, about
+/// whether the sample sees the triangle at all.
+#[cold]
+fn settle(tile: &mut Tile, place: &Place<'_>, (spot, triangle): (Spot, u32), known: Option<f32>) {
+    let direction = place
+        .eye
+        .direction(place.column + spot.column, place.row + spot.row);
+    let exact = |triangle: u32| {
+        let crossing = place.eye.frame.cross(triangle as usize, direction);
+        crossing.map(|crossing| crossing.distance)
+    };
+    #[allow(clippy::cast_possible_truncation, reason = "well below DOUBT")]
+    let nearness = known.or_else(|| exact(triangle).map(|distance| (1.0 / distance) as f32));
+    if let Some(nearness) = nearness {
+        tile.offer(spot, (triangle, nearness), exact);
     }
 }
 

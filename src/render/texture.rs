@@ -37,6 +37,7 @@ impl Border {
     }
 }
 
+#[inline]
 /// The colour at texture coordinates with (0, 0) at the bottom-left outer corner, as 8-bit sRGB
 /// values that are interpolated as they are.
 pub(crate) fn bilinear(texture: &ColorImage, coord: Vec2, border: Border) -> Vec3 {
@@ -49,6 +50,7 @@ pub(crate) fn bilinear(texture: &ColorImage, coord: Vec2, border: Border) -> Vec
     upper.lerp(lower, down)
 }
 
+#[inline]
 /// The two texels beside a coordinate in 0…1 along one axis, and the weight of the second.
 fn neighbours(coord: f32, size: u32, border: Border) -> (u32, u32, f32) {
     let coord = match border {
@@ -61,12 +63,17 @@ fn neighbours(coord: f32, size: u32, border: Border) -> (u32, u32, f32) {
     } else {
         0.0
     };
-    let floor = position.floor();
     #[allow(
         clippy::cast_possible_truncation,
         reason = "between -1 and the texture's size"
     )]
-    let (first, weight) = (floor as i64, (position - floor) as f32);
+    let first = (position + 1.0) as i64 - 1; // Rounds down, as the sum is not below 0.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_precision_loss,
+        reason = "a fraction"
+    )]
+    let weight = (position - first as f64) as f32;
     (
         border.texel(first, size),
         border.texel(first + 1, size),

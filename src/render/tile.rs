@@ -83,6 +83,19 @@ impl Tile {
         self.least[block]
     }
 
+    /// As [`Self::offer`] where the difference is clear; else changes nothing and returns `false`.
+    #[inline]
+    pub(crate) fn try_offer(&mut self, spot: Spot, (triangle, nearness): (u32, f32)) -> bool {
+        let index = spot.row * SIZE + spot.column;
+        let there = self.nearness[index];
+        if nearness > there * (1.0 + DOUBT) {
+            self.nearness[index] = nearness;
+            self.triangles[index] = triangle;
+            return true;
+        }
+        nearness < there * (1.0 - DOUBT)
+    }
+
     /// Makes `triangle` visible at a sample if it is nearer than what is there. Within [`DOUBT`]
     /// the exact distances that `exact` returns decide, then the lower number.
     pub(crate) fn offer(

@@ -77,9 +77,11 @@ impl Ray {
         if total == 0.0 {
             return None;
         }
+        let weights = thin_weights([a, b, c], total).unwrap_or([v / total, w / total]);
+        let depth = (1.0 - weights[0] - weights[1]) * a.z + weights[0] * b.z + weights[1] * c.z;
         Some(Crossing {
-            distance: self.scale * ((u * a.z + v * b.z + w * c.z) / total),
-            weights: [v / total, w / total],
+            distance: self.scale * depth,
+            weights,
         })
     }
 
@@ -92,6 +94,33 @@ impl Ray {
             along,
         )
     }
+}
+
+/// Twice the area over the longest edge squared, on the plane across the ray, below which a triangle
+/// counts as its longest edge: weights from areas would be rounding noise.
+const THIN: f64 = 1e-9;
+
+/// Weights of the second and third corner where the ray passes closest to the longest edge, if the
+/// triangle is thin as the ray sees it.
+#[inline]
+fn thin_weights(corners: [DVec3; 3], total: f64) -> Option<[f64; 2]> {
+    let flat = corners.map(DVec3::truncate);
+    let length = |edge: usize| flat[edge].distance_squared(flat[(edge + 1) % 3]);
+    let lengths = [length(0), length(1), length(2)];
+    let longest = lengths[0].max(lengths[1]).max(lengths[2]);
+    if total.abs() >= THIN * longest {
+        return None;
+    }
+    let first = lengths
+        .iter()
+        .position(|&length| length == longest)
+        .unwrap_or_default();
+    let second = (first + 1) % 3;
+    let along = flat[second] - flat[first];
+    let mut weights = [0.0; 3];
+    weights[second] = (-flat[first].dot(along) / longest).clamp(0.0, 1.0);
+    weights[first] = 1.0 - weights[second];
+    Some([weights[1], weights[2]])
 }
 
 #[cfg(test)]
@@ -144,6 +173,26 @@ mod tests {
             DVec3::new(1.0, 0.0, 3.0),
         ];
         assert_eq!(Ray::of_pixel(DVec3::Z).cross(line), None);
+    }
+
+    #[test]
+    fn a_triangle_thinner_than_rounding_is_its_longest_edge() {
+        for seed in 1..200 {
+            let t = f64::from(seed);
+            let (a, b) = (
+                DVec3::new(t.sin(), t.cos(), 2.0),
+                DVec3::new(-t.sin(), 0.3, 4.0),
+            );
+            let middle = a.lerp(b, 0.5) + DVec3::new(1e-16, -1e-16, 1e-16);
+            let along = 0.5 + 0.4 * (3.0 * t).sin();
+            let ray = Ray::new(DVec3::ZERO, a.lerp(b, along));
+            if let Some(crossing) = ray.cross([a, b, middle]) {
+                assert!(
+                    (crossing.distance - 1.0).abs() < 1e-12,
+                    "{seed}: {crossing:?}"
+                );
+            }
+        }
     }
 
     #[test]

@@ -542,3 +542,60 @@ fn scaled(mesh: &Mesh, scale: f64) -> Mesh {
         .collect();
     Mesh::new(vertices, mesh.triangles().to_vec()).unwrap()
 }
+
+#[test]
+fn no_ray_slips_through_edges_or_corners_of_closed_meshes() {
+    let mut noise = Noise(3);
+    for mesh in [
+        sphere(40),
+        cuboid(DVec3::ZERO, DVec3::new(0.6, 1.0, 0.3)),
+        scaled(&sphere(9), 1e-5),
+    ] {
+        let renderer = Renderer::new(&mesh).unwrap();
+        let size = mesh.bounds().size().min_element();
+        let count = mesh.triangles().len();
+        for index in 0..60_000 {
+            let [a, b, _] = mesh.corners(index * 7919 % count);
+            let along = if index % 2 == 0 {
+                0.0
+            } else {
+                0.5 + 0.5 * noise.next()
+            };
+            let origin = noise.vector() * 0.1 * size;
+            let target = a.lerp(b, along);
+            let hit = renderer.first_hit(origin, target - origin, (0.0, f64::INFINITY));
+            let hit = hit.unwrap_or_else(|| panic!("a leak from {origin} to {target}"));
+            assert!((hit.distance - 1.0).abs() < 1e-6, "{hit:?}");
+        }
+    }
+}
+
+#[test]
+fn first_hits_are_those_of_the_oracle_to_the_bit() {
+    let mesh = soup(4000, 5);
+    let (renderer, oracle) = (Renderer::new(&mesh).unwrap(), Oracle::new(&mesh));
+    let mut noise = Noise(11);
+    let mut hits = 0;
+    for index in 0..4000 {
+        let origin = noise.vector() * 1.5;
+        // Some rays along an axis, some with a limit, some from on a triangle.
+        let direction = if index % 10 == 0 {
+            DVec3::AXES[index / 10 % 3]
+        } else {
+            noise.vector()
+        };
+        let range = if index % 3 == 0 {
+            (0.2, 0.9)
+        } else {
+            (0.0, f64::INFINITY)
+        };
+        let found = renderer.first_hit(origin, direction, range);
+        assert_eq!(
+            found,
+            oracle.first_hit(origin, direction, range),
+            "ray {index}"
+        );
+        hits += usize::from(found.is_some());
+    }
+    assert!(hits > 500, "{hits}");
+}
