@@ -121,14 +121,9 @@ mod tests {
             force: false,
         };
         let options = (PixelCentre::Half, &CameraOptions::default());
-        let scene = read(
-            folder.path(),
-            options,
-            Some(size.parse().unwrap()),
-            &context,
-        )
-        .unwrap();
-        scene.views()[0].camera
+        let size: Size = size.parse().unwrap();
+        let scene = read(folder.path(), options, Some(size), &context).unwrap();
+        fitted(scene, size).unwrap().views()[0].camera
     }
 
     #[test]
