@@ -1,7 +1,7 @@
 //! What the truth is and how it lies on disk.
 //!
 //! - [`scene`]: the vocabulary in memory, with its invariants. Everything else speaks it.
-//! - [`format`]: bytes to values and back, one file per format, over `Read` and `Write`.
+//! - [`mod@format`]: bytes to values and back, one file per format, over `Read` and `Write`.
 //! - [`layout`]: folder conventions, the only place that knows paths.
 //! - [`synthetic`]: scenes whose truth has a closed form.
 //!

@@ -26,7 +26,7 @@ pub const ICP_SCALE_BOUNDS: (f64, f64) = (0.9, 1.1);
 pub const MIN_FITNESS: f64 = 0.2;
 /// Points inside the crop volume over all points of the reconstruction, at least.
 pub const MIN_CROP_KEPT: f64 = 0.01;
-/// F at τ over F at 5 τ, at least, where the latter is at least [`HIGH_F`] and the cloud drifts.
+/// F at τ over F at 5 τ, at least, where the latter is high and the cloud drifts.
 pub const MIN_F_RATIO: f64 = 0.5;
 /// An F-score worth explaining.
 const HIGH_F: f64 = 0.5;

@@ -1,7 +1,9 @@
 //! The command line: exit codes, one sentence per error, nothing lost, replays.
 
 use crate::support::{mvs_eval, stderr, text};
+use mvs_datasets::layout::files::write_atomically;
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 
 /// The run fails with exit code 2 and one line of error that says all of `parts`.
@@ -25,8 +27,7 @@ fn assert_refused(arguments: &[&str], parts: &[&str]) {
 }
 
 fn write(path: &Path, content: &str) {
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    fs::write(path, content).unwrap();
+    write_atomically(path, |out| out.write_all(content.as_bytes())).unwrap();
 }
 
 const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 20\n0 40 15\n\

@@ -285,7 +285,7 @@ fn each_rule_of_the_readers_fires() {
         ),
         (
             "three numbers",
-            |s| edit_line(s, "cams/00000001_cam.txt", 11, |l| cut_last(l)),
+            |s| edit_line(s, "cams/00000001_cam.txt", 11, cut_last),
             "depth-line",
         ),
         (
@@ -293,7 +293,7 @@ fn each_rule_of_the_readers_fires() {
             |s| {
                 edit_line(s, "cams/00000001_cam.txt", 11, |l| {
                     l.replace(" 128.0 ", " 64.0 ")
-                })
+                });
             },
             "depth-interval",
         ),
@@ -302,7 +302,7 @@ fn each_rule_of_the_readers_fires() {
             |s| {
                 edit_line(s, "cams/00000001_cam.txt", 11, |_| {
                     "-1 0.01 128 0.28".into()
-                })
+                });
             },
             "depth-range",
         ),
