@@ -1,7 +1,6 @@
 //! A view as a regular grid of samples, and what the fast paths need to project onto it.
 
 use super::surface::Frame;
-use super::triangle::Crossing;
 use glam::{DMat3, DVec2, DVec3};
 
 /// A view whose pixels are cut into `side` × `side` samples, numbered in one grid.
@@ -38,11 +37,5 @@ impl<'m> Eye<'m> {
     pub(crate) fn direction(&self, column: usize, row: usize) -> DVec3 {
         let sample = DVec2::new(column as f64, row as f64) + 0.5;
         ((sample - self.principal) / self.focal).extend(1.0)
-    }
-
-    /// Where a sample sees a triangle.
-    pub(crate) fn cross(&self, triangle: u32, column: usize, row: usize) -> Option<Crossing> {
-        self.frame
-            .cross(triangle as usize, self.direction(column, row))
     }
 }
