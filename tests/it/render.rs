@@ -599,3 +599,55 @@ fn first_hits_are_those_of_the_oracle_to_the_bit() {
     }
     assert!(hits > 500, "{hits}");
 }
+
+/// Two bumpy sheets, closer to each other than f32 can tell, whose every vertex lies behind the
+/// centre of a pixel of `view`: all decisions are about roundings.
+fn sheets_behind_pixels(view: &View) -> Mesh {
+    let (width, height) = (view.camera.width(), view.camera.height());
+    let mut noise = Noise(23);
+    let mut vertices = Vec::new();
+    let mut triangles = Vec::new();
+    for _ in 0..2 {
+        let first = u32::try_from(vertices.len()).unwrap();
+        for row in 0..height {
+            for column in 0..width {
+                let bump = 0.1 * f64::from(column * row).sin();
+                let depth = (2.0 + bump) * (1.0 + 1e-7 * noise.next());
+                vertices.push(view.pose.to_world(direction(view, column, row) * depth));
+                let at = first + row * width + column;
+                if column + 1 < width && row + 1 < height {
+                    triangles.extend([
+                        [at, at + 1, at + width + 1],
+                        [at, at + width + 1, at + width],
+                    ]);
+                }
+            }
+        }
+    }
+    Mesh::new(vertices, triangles).unwrap()
+}
+
+#[test]
+fn what_f32_cannot_tell_is_decided_exactly() {
+    let pose = Pose::looking_at(DVec3::new(3.0, 1.0, 2.0), DVec3::ZERO, DVec3::Z).unwrap();
+    let view = view(pose, 80, 60);
+    let mesh = sheets_behind_pixels(&view);
+    let (renderer, oracle) = (Renderer::new(&mesh).unwrap(), Oracle::new(&mesh));
+    let options = RenderOptions {
+        samples: 1,
+        ..RenderOptions::default()
+    };
+    // Through the vertices, then through the insides of the triangles.
+    for offset in [0.0, 0.3] {
+        let mut view = view.clone();
+        let center = view.camera.center() + DVec2::new(offset, 0.4 * offset);
+        view.camera = Camera::new(80, 60, view.camera.focal(), center).unwrap();
+        let fast = renderer.render(&view, &options).unwrap();
+        let slow = oracle.render(&view, &options).unwrap();
+        assert!(
+            fast.normals == slow.normals,
+            "another triangle is seen at {offset}"
+        );
+        assert!(fast.depth == slow.depth, "another depth at {offset}");
+    }
+}
