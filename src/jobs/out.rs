@@ -21,21 +21,31 @@ pub struct OutDir {
 }
 
 impl OutDir {
-    /// Makes the folder for the result of `run`, or takes an existing one that is empty, that an
-    /// interrupted run of the same options and inputs left behind, or, with `force`, any.
+    /// Makes the folder for the result of `run`, or takes an existing one that has no result yet,
+    /// that an interrupted run of the same options and inputs left behind, or, with `force`, any.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
         fs::create_dir_all(path).map_err(mvs_datasets::Error::io(path, "create the folder"))?;
-        let mut entries = fs::read_dir(path).map_err(mvs_datasets::Error::io(path, "read"))?;
         let out = Self {
             path: path.to_path_buf(),
             run,
         };
-        if entries.next().is_some() && !force && !out.is_marked(UNFINISHED) {
+        if out.has_files()? && !force && !out.is_marked(UNFINISHED) {
             return Err(Error::exists(path));
         }
         out.run.write(&out.file(UNFINISHED))?;
         remove_if_there(&out.file(FINISHED))?;
         Ok(out)
+    }
+
+    /// Whether the folder holds anything but the mark of a run that failed before its first file.
+    fn has_files(&self) -> Result<bool> {
+        let unreadable = || mvs_datasets::Error::io(&self.path, "read");
+        for entry in fs::read_dir(&self.path).map_err(unreadable())? {
+            if entry.map_err(unreadable())?.file_name() != UNFINISHED {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the
@@ -168,6 +178,14 @@ mod tests {
         assert!(out.file("half.json").exists() && !out.file(FINISHED).exists());
         out.finish().unwrap();
         assert!(!folder.path().join(UNFINISHED).exists());
+    }
+
+    #[test]
+    fn a_run_that_failed_before_its_first_file_is_in_nobodys_way() {
+        let folder = tempfile::tempdir().unwrap();
+        drop(OutDir::create(folder.path(), run_of(4), false).unwrap());
+        let out = OutDir::create(folder.path(), run_of(16), false).unwrap();
+        assert!(out.is_marked(UNFINISHED));
     }
 
     #[test]

@@ -186,3 +186,85 @@ fn flags_override_the_configuration_file() {
     write(&config, "smaples = 1\n");
     assert_refused(&arguments, &["unknown field", "smaples"]);
 }
+
+const EMPTY_CLOUD: &str = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\n\
+                           property float y\nproperty float z\nend_header\n";
+const ONE_POINT: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n\
+                         property float y\nproperty float z\nend_header\n0 0 1\n";
+
+#[test]
+fn empty_clouds_and_wrong_formats_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write(&path("empty.ply"), EMPTY_CLOUD);
+    write(&path("point.ply"), ONE_POINT);
+    write(&path("text.ply"), "this is no cloud\n");
+    let (point, out) = (path("point.ply"), path("out"));
+    let score = |reconstruction: &Path, parts: &[&str]| {
+        let arguments = [
+            "score",
+            "--truth",
+            text(&point),
+            "--reconstruction",
+            text(reconstruction),
+        ];
+        let mut arguments = arguments.to_vec();
+        arguments.extend(["--tau", "0.1", "--out", text(&out)]);
+        assert_refused(&arguments, parts);
+        assert!(!out.join("run.toml").exists());
+    };
+    score(&path("empty.ply"), &["empty.ply"]);
+    score(&path("text.ply"), &["text.ply"]);
+    score(&path("none.ply"), &["none.ply"]);
+    let arguments = [
+        "score",
+        "--truth",
+        text(&point),
+        "--reconstruction",
+        text(&point),
+    ];
+    let mut arguments = arguments.to_vec();
+    arguments.extend(["--tau", "-1", "--out", text(&out)]);
+    assert_eq!(mvs_eval(&arguments).status.code(), Some(2));
+}
+
+/// A one-channel PFM of ones.
+fn pfm(width: usize, height: usize) -> Vec<u8> {
+    let mut bytes = format!("Pf\n{width} {height}\n-1.000000\n").into_bytes();
+    bytes.extend(std::iter::repeat_n(1.0f32.to_le_bytes(), width * height).flatten());
+    bytes
+}
+
+#[test]
+fn depth_and_confidence_of_different_size_and_missing_depths_are_named() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    let write_map = |name: &str, bytes: &[u8]| {
+        write_atomically(&path(name), |out| out.write_all(bytes)).unwrap();
+    };
+    write_map("depth/00000000.pfm", &pfm(40, 30));
+    write_map("confidence/00000000.pfm", &pfm(20, 15));
+    let (root, depths, out) = (path(""), path("depth"), path("cloud.ply"));
+    let confidence = path("confidence");
+    let arguments = [
+        "fuse",
+        text(&root),
+        "--depths",
+        text(&depths),
+        "--out",
+        text(&out),
+    ];
+    let with_confidence = [&arguments[..], &["--confidence", text(&confidence)]].concat();
+    assert_refused(&with_confidence, &["00000000.pfm", "40x30", "20x15"]);
+    let nothing = path("cams");
+    let arguments = [
+        "fuse",
+        text(&root),
+        "--depths",
+        text(&nothing),
+        "--out",
+        text(&out),
+    ];
+    assert_refused(&arguments, &["cams", "00000000.pfm"]);
+    assert!(!out.exists());
+}

@@ -25,7 +25,9 @@ const SAME_SURFACE: f64 = 1e-6;
 /// A sample seen by V views is recovered when more than `min_sources` of them have a usable depth
 /// there: a binomial tail with p = (1 − outliers)(1 − holes). The fused depth is the mean of the
 /// usable ones, so its error is Gaussian with σ·depth/√n, and right when below the tolerance. Left
-/// out: flying pixels, slanted surfaces (whose errors are smaller), pixels that agree by chance.
+/// out: flying pixels, slanted surfaces (whose errors are smaller), pixels that agree by chance, and
+/// neighbours that stand in for an unusable pixel: where most surface is seen by hardly more views
+/// than must agree, or pixels are much finer than the tolerance, the recall is predicted too low.
 pub fn predict(
     scene: &SyntheticScene,
     noise: &DepthNoise,

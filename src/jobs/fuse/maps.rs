@@ -175,16 +175,21 @@ impl DepthMaps for FolderMaps<'_> {
     }
 
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
-        let path = self.entries[index].confidence.as_ref();
-        Ok(path.map(|path| files::read_raster(path)).transpose()?)
+        let Some(path) = &self.entries[index].confidence else {
+            return Ok(None);
+        };
+        let raster = files::read_raster(path)?;
+        self.check_size(index, path, raster.size())?;
+        Ok(Some(raster))
     }
 
     fn mask(&self, index: usize) -> Result<Option<Mask>> {
-        let path = self.entries[index].mask.as_ref();
-        let mask = path.map(|path| files::read_with(path, image::read_gray));
-        Ok(mask
-            .transpose()?
-            .map(|gray| gray.map(|&value| value >= 128)))
+        let Some(path) = &self.entries[index].mask else {
+            return Ok(None);
+        };
+        let gray = files::read_with(path, image::read_gray)?;
+        self.check_size(index, path, gray.size())?;
+        Ok(Some(gray.map(|&value| value >= 128)))
     }
 
     fn image(&self, index: usize) -> Result<Option<ColorImage>> {
@@ -198,6 +203,22 @@ impl DepthMaps for FolderMaps<'_> {
 
     fn has_confidence(&self) -> bool {
         self.has_confidence
+    }
+}
+
+impl FolderMaps<'_> {
+    /// Checks that what was read from `path` has the size of the view's depth map.
+    fn check_size(&self, index: usize, path: &Path, found: (u32, u32)) -> Result<()> {
+        let camera = &self.entries[index].view.camera;
+        let expected = (camera.width(), camera.height());
+        if found == expected {
+            return Ok(());
+        }
+        let problem = format!(
+            "expected the depth map's size {}x{}, found {}x{}",
+            expected.0, expected.1, found.0, found.1
+        );
+        Err(Error::invalid(path.display().to_string(), problem))
     }
 }
 
