@@ -104,7 +104,7 @@ pub fn hash_path(path: &Path) -> Result<String> {
 }
 
 /// Everything in `folder`, by name.
-fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
+pub(crate) fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).map_err(mvs_datasets::Error::io(folder, "read"))?;
     let mut paths = Vec::new();
     for entry in entries {

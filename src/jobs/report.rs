@@ -2,7 +2,7 @@
 
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
-use crate::provenance::Run;
+use crate::provenance::{self, Run};
 use crate::report::check::{self, Checked};
 use crate::report::leaderboard::{self, Board};
 use crate::report::record::{self, Record};
@@ -106,17 +106,7 @@ fn find_records(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 fn search(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
-    let entries = std::fs::read_dir(folder).map_err(mvs_datasets::Error::io(folder, "read"))?;
-    let mut paths = Vec::new();
-    for entry in entries {
-        paths.push(
-            entry
-                .map_err(mvs_datasets::Error::io(folder, "read"))?
-                .path(),
-        );
-    }
-    paths.sort();
-    for path in paths {
+    for path in provenance::sorted_entries(folder)? {
         if path.is_dir() && !path.is_symlink() {
             search(&path, found)?;
         } else if RECORD_FILES.iter().any(|name| path.ends_with(name)) {

@@ -1,6 +1,7 @@
 //! Files that other programs wrote, and files that nobody should write: every one is read to the
 //! right values or answered with one sentence.
 
+use crate::support::real_data;
 use glam::{DMat4, DVec2, DVec3};
 use mvs_datasets::FormatError;
 use mvs_datasets::format::{cam, colmap, crop, image, log, pair, pfm, ply, transform, transforms};
@@ -10,20 +11,6 @@ use mvs_datasets::scene::{PointCloud, Raster, SourceScore};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::path::{Path, PathBuf};
-
-/// The folder with foreign data, or `None` with a line that says so.
-fn data() -> Option<PathBuf> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
-    let folder = std::env::var_os("MVS_EVAL_DATA").map_or_else(|| beside.into(), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!(
-        "skipped: no data at {} (set MVS_EVAL_DATA)",
-        folder.display()
-    );
-    None
-}
 
 /// All files under `folder` with this ending, in name order.
 fn files_with(folder: &Path, ending: &str) -> Vec<PathBuf> {
@@ -112,7 +99,7 @@ fn known_files() -> Vec<Known> {
 
 #[test]
 fn every_foreign_ply_reads_right_or_says_why_not() {
-    let Some(data) = data() else { return };
+    let Some(data) = real_data("") else { return };
     let known = known_files();
     let mut paths = files_with(&data.join("formats"), ".ply");
     paths.extend(files_with(&data.join("meshes"), ".ply"));
@@ -157,7 +144,7 @@ fn every_foreign_ply_reads_right_or_says_why_not() {
 
 #[test]
 fn foreign_columns_keep_their_meaning() {
-    let Some(data) = data() else { return };
+    let Some(data) = real_data("") else { return };
     let cloud = |path: &str| files::read_cloud(&data.join(path)).unwrap();
     let points = cloud("formats/assimp/PLY/points.ply");
     assert_eq!(points.colors().unwrap()[1], [255, 0, 255]);
@@ -188,7 +175,7 @@ fn foreign_columns_keep_their_meaning() {
 
 #[test]
 fn the_toolbox_s_trajectories_read_right() {
-    let Some(data) = data() else { return };
+    let Some(data) = real_data("") else { return };
     let folder = data.join("formats/tnt_toolbox/test_data");
     let poses = tnt::read_trajectory(&folder.join("test.log")).unwrap();
     assert_eq!((poses.len(), poses[150].metadata), (151, [150, 150, 0]));
@@ -226,7 +213,7 @@ fn the_toolbox_s_trajectories_read_right() {
 
 #[test]
 fn a_real_scoring_pair_opens_under_its_own_name_only() {
-    let Some(data) = data() else { return };
+    let Some(data) = real_data("") else { return };
     let folder = data.join("pair_saharov");
     let error = tnt::TntFolder::open(&folder, None).unwrap_err().to_string();
     assert!(error.contains("holds the files of `saharov`"), "{error}");
@@ -242,7 +229,7 @@ fn a_real_scoring_pair_opens_under_its_own_name_only() {
 
 #[test]
 fn a_real_camera_folder_reads_right() {
-    let Some(data) = data() else { return };
+    let Some(data) = real_data("") else { return };
     let folder = data.join("scene_saharov");
     let options = CamsOptions {
         pixel_centre: PixelCentre::Integer,

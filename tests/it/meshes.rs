@@ -1,5 +1,6 @@
 //! Meshes in the variants that people have: tiles, materials, textures, odd files.
 
+use crate::support::real_data;
 use glam::{DVec2, DVec3};
 use mvs_datasets::layout::files::write_atomically;
 use mvs_datasets::layout::mesh::{LoadedMesh, read_meshes};
@@ -23,20 +24,6 @@ fn put_texture(folder: &Path, name: &str, color: [u8; 3]) {
 fn read(paths: &[&Path]) -> LoadedMesh {
     let paths: Vec<PathBuf> = paths.iter().map(|path| path.to_path_buf()).collect();
     read_meshes(&paths).unwrap()
-}
-
-/// A folder of shared test data, or `None` and a line that says so.
-fn shared(name: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("MVS_EVAL_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")),
-        PathBuf::from,
-    );
-    let folder = root.join(name);
-    if folder.exists() {
-        return Some(folder);
-    }
-    eprintln!("skipped: {} is absent", folder.display());
-    None
 }
 
 /// The squares of a 4 x 2 board, one material each, in two tile files: rows of `colors`.
@@ -213,7 +200,7 @@ fn what_is_no_mesh_gets_one_sentence() {
 /// misreads negative indices.
 #[test]
 fn every_obj_at_hand_is_read_or_gets_one_sentence() {
-    let (Some(formats), Some(meshes)) = (shared("formats"), shared("meshes")) else {
+    let (Some(formats), Some(meshes)) = (real_data("formats"), real_data("meshes")) else {
         return;
     };
     let mut found = Vec::new();

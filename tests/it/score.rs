@@ -6,6 +6,7 @@ mod fixture;
 mod official;
 mod plain;
 
+use crate::support::real_data;
 use mvs_datasets::layout::files::write_atomically;
 use mvs_eval::jobs::Context;
 use mvs_eval::jobs::score::{self, Protocol, ScoreDocument, ScoreJob};
@@ -15,21 +16,7 @@ use mvs_eval::warning::Warnings;
 use serde_json::Value;
 use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
-
-/// The folder of the real pair, or a line on stderr that says it is not there.
-fn pair_saharov() -> Option<PathBuf> {
-    let data = std::env::var_os("MVS_EVAL_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let folder = data.join("pair_saharov");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: {} is not there", folder.display());
-    None
-}
+use std::path::Path;
 
 fn run(job: &ScoreJob) -> mvs_eval::Result<ScoreDocument> {
     let warnings = Warnings::default();
@@ -80,7 +67,9 @@ fn saharov(folder: &Path, out: &Path) -> ScoreJob {
 
 #[test]
 fn saharov_counts_and_scores_are_those_of_open3d_at_both_transforms() {
-    let Some(folder) = pair_saharov() else { return };
+    let Some(folder) = real_data("pair_saharov") else {
+        return;
+    };
     let expected = expected(&folder);
     let temporary = tempfile::tempdir().unwrap();
     for state in ["lsq", "icp"] {
@@ -131,7 +120,9 @@ fn saharov_counts_and_scores_are_those_of_open3d_at_both_transforms() {
 
 #[test]
 fn saharov_is_refined_from_f_033_to_f_0966() {
-    let Some(folder) = pair_saharov() else { return };
+    let Some(folder) = real_data("pair_saharov") else {
+        return;
+    };
     let expected = expected(&folder);
     let temporary = tempfile::tempdir().unwrap();
     let transform = temporary.path().join("start.txt");
@@ -154,7 +145,9 @@ fn saharov_is_refined_from_f_033_to_f_0966() {
 
 #[test]
 fn saharov_is_aligned_from_its_cameras_alone() {
-    let Some(folder) = pair_saharov() else { return };
+    let Some(folder) = real_data("pair_saharov") else {
+        return;
+    };
     let temporary = tempfile::tempdir().unwrap();
     let document = run(&ScoreJob {
         trajectory: Some(folder.join("rec/saharov_rec.log")),

@@ -4,7 +4,8 @@ use assert_cmd::Command;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-/// The folder with real data, or `None` with a line on stderr that says what is skipped.
+/// What has this name in the folder with real data (the folder itself for no name), or `None` with
+/// a line on stderr that says what is skipped.
 pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
     let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
     let root = std::env::var_os("MVS_EVAL_DATA").map_or_else(beside, PathBuf::from);
@@ -12,7 +13,8 @@ pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    eprintln!("skipped: {name} is not there; MVS_EVAL_DATA can name the folder that has it");
+    let path = path.display();
+    eprintln!("skipped: {path} is not there; MVS_EVAL_DATA can name the folder with real data");
     None
 }
 
