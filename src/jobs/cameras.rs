@@ -2,12 +2,12 @@
 
 use super::Context;
 use crate::config::Size;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::generate::Fit;
 use glam::DVec2;
 use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
 use mvs_datasets::layout::mvsnet::PixelCentre;
-use mvs_datasets::scene::{Camera, Scene, View};
+use mvs_datasets::scene::{Camera, Distortion, Scene, View};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -98,6 +98,17 @@ pub fn fitted(scene: Scene, size: Size) -> Result<Scene> {
     Ok(Scene::new(views)?.with_sources(sources)?)
 }
 
+/// Checks that no camera has a lens: renders are made without one, and a `cam.txt` cannot hold it.
+pub fn check_no_lens(scene: &Scene) -> Result<()> {
+    let mut views = scene.views().iter();
+    let Some(view) = views.find(|view| view.camera.distortion() != Distortion::None) else {
+        return Ok(());
+    };
+    let problem = "expected a camera without lens distortion, found one with; undistort photographs \
+                   and cameras first";
+    Err(Error::invalid(format!("view {}", view.id), problem))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -143,5 +154,27 @@ mod tests {
             "{}",
             camera.focal()
         );
+    }
+
+    #[test]
+    fn a_lens_is_refused_by_view() {
+        let radial = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let lens = Distortion::RadialTangential {
+            radial,
+            tangential: [0.0; 2],
+        };
+        let camera = read_at("40x30");
+        let view = |id, camera| View {
+            id,
+            name: String::new(),
+            camera,
+            pose: mvs_datasets::scene::Pose::IDENTITY,
+            depth_range: None,
+        };
+        let plain = Scene::new(vec![view(3, camera)]).unwrap();
+        assert!(check_no_lens(&plain).is_ok());
+        let bent = view(7, camera.with_distortion(lens).unwrap());
+        let error = check_no_lens(&Scene::new(vec![view(3, camera), bent]).unwrap()).unwrap_err();
+        assert!(error.to_string().contains("view 7"), "{error}");
     }
 }

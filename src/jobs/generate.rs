@@ -10,7 +10,7 @@ use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::mesh;
 use mvs_datasets::layout::mvsnet::PixelCentre;
-use mvs_datasets::scene::{Distortion, Scene, View};
+use mvs_datasets::scene::Scene;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -114,9 +114,7 @@ fn read_cameras(job: &GenerateJob, context: &Context<'_>) -> Result<Scene> {
     let (width, height) = PhotoFolder::open(&job.photos, scene.views())?.size(first)?;
     let photographs = Size { width, height };
     let scene = cameras::read(&job.cameras, options, Some(photographs), context)?;
-    for view in scene.views() {
-        check_lens(view)?;
-    }
+    cameras::check_no_lens(&scene)?;
     if let Some(first) = scene.views().first()
         && (first.camera.width(), first.camera.height()) != (width, height)
     {
@@ -130,14 +128,4 @@ fn read_cameras(job: &GenerateJob, context: &Context<'_>) -> Result<Scene> {
         context.warnings.add("camera-size", message);
     }
     Ok(scene)
-}
-
-/// A data set's cams cannot describe a lens.
-fn check_lens(view: &View) -> Result<()> {
-    if view.camera.distortion() == Distortion::None {
-        return Ok(());
-    }
-    let problem = "expected a camera without lens distortion, found one with; a BlendedMVS cam \
-                   cannot hold it: undistort photographs and cameras first";
-    Err(Error::invalid(format!("view {}", view.id), problem))
 }

@@ -64,6 +64,7 @@ pub struct RenderedView {
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let options = (job.pixel_center, &job.camera);
     let mut scene = cameras::read(&job.cameras, options, job.size, context)?;
+    cameras::check_no_lens(&scene)?;
     if let Some(size) = job.size {
         scene = cameras::fitted(scene, size)?;
     }
