@@ -21,6 +21,7 @@ mod tree;
 mod triangle;
 
 use crate::error::{Error, Result};
+use crate::parallel;
 use clusters::Clusters;
 use glam::{DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, DepthMap, Mesh, NormalMap, View};
@@ -28,6 +29,9 @@ use rays::Probe;
 use serde::{Deserialize, Serialize};
 use surface::{Facet, Frame};
 use triangle::Crossing;
+
+/// Rays that one thread takes at a time.
+const CHUNK: usize = 1024;
 
 /// How a view is rendered.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -160,6 +164,23 @@ impl<'m> Renderer<'m> {
         };
         let visible = probe.nearest(&self.clusters, (self.radius, range.1), cross);
         visible.map(Hit::from)
+    }
+
+    /// As [`Self::first_hit`] for many rays from one point, in their order. Rays that lie next to
+    /// each other in `directions` should point alike: neighbours are traced together.
+    pub fn first_hits(
+        &self,
+        origin: DVec3,
+        directions: &[DVec3],
+        range: (f64, f64),
+    ) -> Vec<Option<Hit>> {
+        let chunks = parallel::map(directions.len().div_ceil(CHUNK), |chunk| {
+            let first = chunk * CHUNK;
+            let last = directions.len().min(first + CHUNK);
+            let hit = |&direction: &DVec3| self.first_hit(origin, direction, range);
+            directions[first..last].iter().map(hit).collect::<Vec<_>>()
+        });
+        chunks.into_iter().flatten().collect()
     }
 
     /// How many pixels of `view` see the surface: what visibility alone costs.

@@ -1,0 +1,123 @@
+//! The fast renderer against the exact one, to the byte.
+
+use super::*;
+use mvs_datasets::scene::Raster;
+use mvs_eval::render::oracle::Oracle;
+
+#[test]
+fn threads_do_not_change_a_byte() {
+    let mesh = sphere(15);
+    let view = view(
+        Pose::looking_at(DVec3::splat(2.0), DVec3::ZERO, DVec3::Z).unwrap(),
+        90,
+        70,
+    );
+    let renderer = Renderer::new(&mesh).unwrap();
+    let render = || renderer.render(&view, &RenderOptions::default()).unwrap();
+    let one = mvs_eval::parallel::with_threads(1, render).unwrap();
+    let four = mvs_eval::parallel::with_threads(4, render).unwrap();
+    assert!(one == four);
+    let _: &Raster<[u8; 3]> = &one.color;
+}
+
+#[test]
+fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
+    let meshes = [
+        ("sphere", sphere(40), 1.0),
+        ("cuboid", cuboid(DVec3::ZERO, DVec3::splat(0.6)), 1.0),
+        ("soup", soup(3000, 1), 1.0),
+        ("terrain", terrain(120), 1.0),
+        (
+            "terrain far away",
+            moved(&terrain(60), DVec3::new(5e5, -4e6, 1e3)),
+            1.0,
+        ),
+        ("small soup", scaled(&soup(500, 2), 1e-6), 1e-6),
+        ("large soup", scaled(&soup(500, 3), 1e6), 1e6),
+    ];
+    let mut noise = Noise(7);
+    for (name, mesh, scale) in &meshes {
+        let renderer = Renderer::new(mesh).unwrap();
+        let oracle = Oracle::new(mesh);
+        let middle = mesh.bounds().center();
+        for index in 0..6 {
+            // From outside, from inside, and so close that triangles reach behind the camera.
+            let reach = [3.0, 1.3, 0.5, 0.2, 0.05, 2.0][index];
+            let eye = middle + noise.vector().normalize() * reach * *scale;
+            let target = middle + noise.vector() * 0.3 * *scale;
+            let pose = Pose::looking_at(eye, target, noise.vector()).unwrap();
+            let view = view(pose, 90 + index as u32, 51);
+            let options = RenderOptions {
+                samples: [1, 4, 9][index % 3],
+                ..RenderOptions::default()
+            };
+            let fast = renderer.render(&view, &options).unwrap();
+            let slow = oracle.render(&view, &options).unwrap();
+            let differing = |a: &[f32], b: &[f32]| {
+                a.iter()
+                    .zip(b)
+                    .filter(|(a, b)| a.to_bits() != b.to_bits())
+                    .count()
+            };
+            assert_eq!(
+                differing(fast.depth.values(), slow.depth.values()),
+                0,
+                "depth of {name} {index}"
+            );
+            assert!(fast.normals == slow.normals, "normals of {name} {index}");
+            assert!(fast.color == slow.color, "colors of {name} {index}");
+        }
+    }
+}
+
+/// Two bumpy sheets, closer to each other than f32 can tell, whose every vertex lies behind the
+/// centre of a pixel of `view`: all decisions are about roundings.
+fn sheets_behind_pixels(view: &View) -> Mesh {
+    let (width, height) = (view.camera.width(), view.camera.height());
+    let mut noise = Noise(23);
+    let mut vertices = Vec::new();
+    let mut triangles = Vec::new();
+    for _ in 0..2 {
+        let first = u32::try_from(vertices.len()).unwrap();
+        for row in 0..height {
+            for column in 0..width {
+                let bump = 0.1 * f64::from(column * row).sin();
+                let depth = (2.0 + bump) * (1.0 + 1e-7 * noise.next());
+                vertices.push(view.pose.to_world(direction(view, column, row) * depth));
+                let at = first + row * width + column;
+                if column + 1 < width && row + 1 < height {
+                    triangles.extend([
+                        [at, at + 1, at + width + 1],
+                        [at, at + width + 1, at + width],
+                    ]);
+                }
+            }
+        }
+    }
+    Mesh::new(vertices, triangles).unwrap()
+}
+
+#[test]
+fn what_f32_cannot_tell_is_decided_exactly() {
+    let pose = Pose::looking_at(DVec3::new(3.0, 1.0, 2.0), DVec3::ZERO, DVec3::Z).unwrap();
+    let view = view(pose, 80, 60);
+    let mesh = sheets_behind_pixels(&view);
+    let (renderer, oracle) = (Renderer::new(&mesh).unwrap(), Oracle::new(&mesh));
+    let options = RenderOptions {
+        samples: 1,
+        ..RenderOptions::default()
+    };
+    // Through the vertices, then through the insides of the triangles.
+    for offset in [0.0, 0.3] {
+        let mut view = view.clone();
+        let center = view.camera.center() + DVec2::new(offset, 0.4 * offset);
+        view.camera = Camera::new(80, 60, view.camera.focal(), center).unwrap();
+        let fast = renderer.render(&view, &options).unwrap();
+        let slow = oracle.render(&view, &options).unwrap();
+        assert!(
+            fast.normals == slow.normals,
+            "another triangle is seen at {offset}"
+        );
+        assert!(fast.depth == slow.depth, "another depth at {offset}");
+    }
+}
