@@ -4,6 +4,7 @@
 //! compute from them is off by a known, tiny amount; what lies closer than that to a decision is
 //! decided by the exact test on the mesh itself.
 
+use super::lanes::LANES;
 use super::tree::{self, Bounds, Item, Node, number};
 use glam::DVec3;
 use mvs_datasets::scene::Mesh;
@@ -12,6 +13,8 @@ use mvs_datasets::scene::Mesh;
 pub(crate) const MOST_TRIANGLES: usize = 64;
 /// Most vertices of a cluster.
 pub(crate) const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
+/// Vertices that are stored side by side, axis by axis.
+pub(crate) type Pack = [[f32; LANES]; 3];
 /// Children of a node.
 pub(crate) const WIDTH: usize = 8;
 
@@ -43,17 +46,17 @@ pub(crate) struct Cluster {
     pub(crate) center: DVec3,
     /// The largest coordinate of its vertices, in absolute value.
     pub(crate) radius: f32,
-    first_vertex: u32,
+    first_pack: u32,
     first_triangle: u32,
-    vertices: u8,
+    packs: u8,
     triangles: u8,
 }
 
 /// A cluster's vertices and triangles.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Content<'c> {
-    /// Offsets of the vertices from the cluster's centre, per axis.
-    pub(crate) offsets: [&'c [f32]; 3],
+    /// Offsets of the vertices from the cluster's centre; the last pack is filled up with copies.
+    pub(crate) packs: &'c [Pack],
     /// Vertices of each triangle, counted in the cluster.
     pub(crate) corners: &'c [[u8; 3]],
     /// Each triangle's number in the mesh.
@@ -65,7 +68,7 @@ pub(crate) struct Content<'c> {
 pub(crate) struct Clusters {
     pub(crate) nodes: Vec<Wide>,
     pub(crate) clusters: Vec<Cluster>,
-    offsets: [Vec<f32>; 3],
+    packs: Vec<Pack>,
     corners: Vec<[u8; 3]>,
     triangles: Vec<u32>,
 }
@@ -93,13 +96,10 @@ impl Clusters {
 
     /// The vertices and triangles of a cluster.
     pub(crate) fn content(&self, cluster: &Cluster) -> Content<'_> {
-        let vertices = cluster.first_vertex as usize..;
         let triangles = cluster.first_triangle as usize..;
         let count = usize::from(cluster.triangles);
-        let offsets = [0, 1, 2]
-            .map(|axis| &self.offsets[axis][vertices.clone()][..usize::from(cluster.vertices)]);
         Content {
-            offsets,
+            packs: &self.packs[cluster.first_pack as usize..][..usize::from(cluster.packs)],
             corners: &self.corners[triangles.clone()][..count],
             triangles: &self.triangles[triangles][..count],
         }
@@ -109,11 +109,7 @@ impl Clusters {
     pub(crate) fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Wide>()
             + self.clusters.len() * size_of::<Cluster>()
-            + self
-                .offsets
-                .iter()
-                .map(|column| 4 * column.len())
-                .sum::<usize>()
+            + self.packs.len() * size_of::<Pack>()
             + 3 * self.corners.len()
             + 4 * self.triangles.len()
     }
@@ -139,7 +135,7 @@ impl Clusters {
                 self.nodes[wide as usize].put(slot, &node.bounds, child);
             }
         }
-        self.offsets.iter_mut().for_each(Vec::shrink_to_fit);
+        self.packs.shrink_to_fit();
         self.corners.shrink_to_fit();
         self.triangles.shrink_to_fit();
     }
@@ -155,37 +151,49 @@ impl Clusters {
         let own = number(self.clusters.len());
         let middle = [0, 1, 2].map(|axis| 0.5 * f64::from(bounds.low[axis] + bounds.high[axis]));
         let middle = DVec3::from(middle);
-        let first_vertex = self.offsets[0].len();
+        let first_pack = self.packs.len();
         let first_triangle = number(self.triangles.len());
+        let mut vertices = 0;
         let mut radius = 0.0f32;
         for item in items {
             let corners = mesh.triangles()[item.id as usize].map(|vertex| {
                 let place = &mut local[vertex as usize];
                 if place.0 != own {
                     #[allow(clippy::cast_possible_truncation, reason = "at most 192 vertices")]
-                    let next = (self.offsets[0].len() - first_vertex) as u8;
+                    let next = vertices as u8;
                     *place = (own, next);
                     let offset = mesh.vertices()[vertex as usize] - center - middle;
-                    #[allow(clippy::cast_possible_truncation, reason = "allowed for")]
-                    for axis in 0..3 {
-                        self.offsets[axis].push(offset[axis] as f32);
-                        radius = radius.max((offset[axis] as f32).abs());
-                    }
+                    let offset = offset.as_vec3();
+                    radius = radius.max(offset.abs().max_element());
+                    self.put_vertex(vertices % LANES, offset.to_array());
+                    vertices += 1;
                 }
                 place.1
             });
             self.corners.push(corners);
             self.triangles.push(item.id);
         }
-        #[allow(clippy::cast_possible_truncation, reason = "at most 192 and 64")]
+        #[allow(clippy::cast_possible_truncation, reason = "at most 24 and 64")]
         self.clusters.push(Cluster {
             center: middle,
             radius,
-            first_vertex: number(first_vertex),
+            first_pack: number(first_pack),
             first_triangle,
-            vertices: (self.offsets[0].len() - first_vertex) as u8,
+            packs: (self.packs.len() - first_pack) as u8,
             triangles: items.len() as u8,
         });
+    }
+
+    /// Adds a vertex to the last pack, filling the rest of it; to a new one for lane 0.
+    fn put_vertex(&mut self, lane: usize, offset: [f32; 3]) {
+        if lane == 0 {
+            self.packs.push([[0.0; LANES]; 3]);
+        }
+        if let Some(pack) = self.packs.last_mut() {
+            for (column, value) in pack.iter_mut().zip(offset) {
+                column[lane..].fill(value);
+            }
+        }
     }
 }
 

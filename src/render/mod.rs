@@ -8,6 +8,8 @@
 mod bvh;
 mod clusters;
 mod eye;
+mod lanes;
+mod lens;
 mod near;
 pub mod oracle;
 mod picture;

@@ -2,7 +2,7 @@
 //! blocks are ruled out by homogeneous edge functions, every sample left is tested exactly. Nothing
 //! is clipped: the exact test knows what is in front.
 
-use super::raster::Place;
+use super::lens::Place;
 use super::tile::{BLOCK, Spot, Tile};
 use glam::DVec3;
 

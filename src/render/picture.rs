@@ -2,7 +2,7 @@
 
 use super::clusters::Clusters;
 use super::eye::Eye;
-use super::raster::Place;
+use super::lens::Place;
 use super::scan::scan;
 use super::surface::{Facet, Frame, Patch};
 use super::tile::{NONE, SIZE, Spot, Tile};
@@ -270,7 +270,7 @@ fn resolve(
     debug_assert!(crossing.is_some(), "the fast path saw what is not there");
     let distance = match crossing {
         Some(crossing) => crossing.distance,
-        None => f64::from(tile.nearness[spot.row * SIZE + spot.column]).recip(),
+        None => f64::from(tile.nearness[spot.index()]).recip(),
     };
     Pixel::new(facet, distance, direction, [0; 3])
 }

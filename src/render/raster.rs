@@ -1,18 +1,12 @@
-//! Clusters drawn into a tile: projected in f64, tested in f32 with a known error; what lies
-//! within that error of an edge, or of another surface's depth, is decided by the exact test.
+//! Clusters drawn into a tile: eight triangles at a time, tested in f32 with a known error; what
+//! lies within that error of an edge, or of another surface's depth, is decided by the exact test.
 
-use super::clusters::{Cluster, Content, MOST_VERTICES};
-use super::eye::Eye;
+use super::clusters::{Cluster, Content, MOST_TRIANGLES};
+use super::lanes::{ALL, LANES, Lanes, Task, dispatch};
+use super::lens::{Lens, PLACES, Place, Projected};
 use super::near;
-use super::tile::{DOUBT, SIZE, Spot, Tile};
+use super::tile::{DOUBT, SIZE, STRIDE, Spot, Tile};
 
-/// Rounding of one f32 operation, relative.
-const ULP: f32 = 1.2e-7;
-/// Triangles whose corners may be off by more samples than this are tested exactly throughout.
-const MOST_ERROR: f32 = 0.05;
-
-/// Samples whose edge functions are worked out side by side.
-const LANES: usize = 8;
 /// The first and the last sample of a tile.
 const WHOLE: (Spot, Spot) = (
     Spot { column: 0, row: 0 },
@@ -21,262 +15,446 @@ const WHOLE: (Spot, Spot) = (
         row: SIZE - 1,
     },
 );
+const LAST: f32 = (SIZE - 1) as f32;
 
-/// Where a tile lies: the grid and its first sample there.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Place<'e> {
-    pub(crate) eye: &'e Eye<'e>,
-    pub(crate) column: usize,
-    pub(crate) row: usize,
+/// Draws clusters into one tile.
+pub(crate) struct Brush<'t> {
+    pub(crate) tile: &'t mut Tile,
+    pub(crate) place: &'t Place<'t>,
+    pub(crate) lens: &'t Lens,
+    pub(crate) scratch: &'t mut Projected,
 }
 
-/// A cluster's vertices on a tile. Sample centres have whole numbers, (0, 0) the tile's first.
-#[derive(Debug)]
-pub(crate) struct Projected {
-    x: [f32; MOST_VERTICES],
-    y: [f32; MOST_VERTICES],
-    nearness: [f32; MOST_VERTICES],
-    /// By how many samples a vertex may be off.
-    error: f32,
-}
-
-impl Projected {
-    pub(crate) fn new() -> Self {
-        Self {
-            x: [0.0; MOST_VERTICES],
-            y: [0.0; MOST_VERTICES],
-            nearness: [0.0; MOST_VERTICES],
-            error: 0.0,
-        }
+impl Brush<'_> {
+    pub(crate) fn draw(&mut self, cluster: &Cluster, content: &Content<'_>) {
+        dispatch(Draw(self, cluster, content));
     }
 
-    /// Projects a cluster; `false` when it comes too close to the camera, or behind it, for its
-    /// projection to be of use.
-    fn project(&mut self, place: &Place<'_>, cluster: &Cluster, content: &Content<'_>) -> bool {
-        let eye = place.eye;
-        let base = eye.rotation * cluster.center + eye.center_in_cam;
-        let [rx, ry, rz] = eye.rotation.transpose().to_cols_array_2d();
-        let origin_x = eye.principal.x - place.column as f64 - 0.5;
-        let origin_y = eye.principal.y - place.row as f64 - 0.5;
-        let [ox, oy, oz] = content.offsets;
-        let count = ox.len();
-        let (oy, oz) = (&oy[..count], &oz[..count]);
-        let (sx, sy) = (&mut self.x[..count], &mut self.y[..count]);
-        let near = &mut self.nearness[..count];
-        let mut nearest = f64::INFINITY;
-        for i in 0..count {
-            let offset = [f64::from(ox[i]), f64::from(oy[i]), f64::from(oz[i])];
-            let along =
-                |row: &[f64; 3]| row[0] * offset[0] + row[1] * offset[1] + row[2] * offset[2];
-            let z = base.z + along(&rz);
-            let inverse = 1.0 / z;
-            #[allow(clippy::cast_possible_truncation, reason = "allowed for in the error")]
-            {
-                sx[i] = (eye.focal.x * (base.x + along(&rx)) * inverse + origin_x) as f32;
-                sy[i] = (eye.focal.y * (base.y + along(&ry)) * inverse + origin_y) as f32;
-                near[i] = inverse as f32;
+    fn draw_exactly(&mut self, triangle: u32, from_to: (Spot, Spot)) {
+        near::draw(self.tile, self.place, triangle, from_to);
+    }
+
+    /// Offers a triangle where f32 is in doubt about what is nearer or, without a known nearness,
+    /// about whether the sample sees the triangle at all.
+    #[cold]
+    #[inline(never)]
+    fn settle(&mut self, index: usize, triangle: u32, known: Option<f32>) {
+        let spot = Spot {
+            column: index % STRIDE,
+            row: index / STRIDE,
+        };
+        let place = self.place;
+        let direction = place
+            .eye
+            .direction(place.column + spot.column, place.row + spot.row);
+        let exact = |triangle: u32| {
+            let crossing = place.eye.frame.cross(triangle as usize, direction);
+            crossing.map(|crossing| crossing.distance)
+        };
+        #[allow(clippy::cast_possible_truncation, reason = "well below DOUBT")]
+        let nearness = known.or_else(|| exact(triangle).map(|distance| (1.0 / distance) as f32));
+        if let Some(nearness) = nearness {
+            self.tile.offer(spot, (triangle, nearness), exact);
+        }
+    }
+}
+
+struct Draw<'d, 'b>(&'d mut Brush<'b>, &'d Cluster, &'d Content<'d>);
+
+impl Task for Draw<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self(brush, cluster, content) = self;
+        if !brush
+            .lens
+            .project(l, (cluster, content.packs), brush.scratch)
+        {
+            for &triangle in content.triangles {
+                brush.draw_exactly(triangle, WHOLE);
             }
-            nearest = if z < nearest { z } else { nearest };
+            return;
         }
-        if nearest <= 0.0 {
-            return false;
+        let error = brush.scratch.error;
+        let [left, right, top, bottom] = brush.scratch.extent;
+        let (Some(columns), Some(rows)) = (
+            covered(left - error, right + error),
+            covered(top - error, bottom + error),
+        ) else {
+            return;
+        };
+        debug_assert!(content.triangles.len() <= MOST_TRIANGLES);
+        let chunks = content
+            .corners
+            .chunks(LANES)
+            .zip(content.triangles.chunks(LANES));
+        for (corners, triangles) in chunks {
+            if let Some(group) = Group::new(l, brush.scratch, corners) {
+                group.draw(l, brush, triangles);
+            }
         }
-        let mut farthest = 0.0f32;
-        for (x, y) in sx.iter().zip(sy.iter()) {
-            let reach = if x.abs() > y.abs() { x.abs() } else { y.abs() };
-            farthest = if reach > farthest { reach } else { farthest };
-        }
-        self.error = error(place, cluster, nearest, farthest);
-        self.error < MOST_ERROR
+        let [from, to] = [0, 1].map(|end| Spot {
+            column: [columns.0, columns.1][end],
+            row: [rows.0, rows.1][end],
+        });
+        brush.tile.touch(from, to);
     }
 }
 
-/// By how many samples a projected vertex may be off: its offset's rounding seen from the nearest
-/// depth, the rounding of f64 coordinates, and that of f32 positions up to `farthest` samples away.
-fn error(place: &Place<'_>, cluster: &Cluster, nearest: f64, farthest: f32) -> f32 {
-    let eye = place.eye;
-    let focal = eye.focal.max_element();
-    let reach = eye.principal.abs().max_element() + (place.column + place.row + SIZE) as f64;
-    let slope = 1.0 + (reach + f64::from(farthest)) / eye.focal.min_element();
-    let scale = eye.center_in_cam.length() + cluster.center.length() + f64::from(cluster.radius);
-    let offset = 1.1e-7 * f64::from(cluster.radius) + 2e-15 * scale;
-    #[allow(
-        clippy::cast_possible_truncation,
-        reason = "a bound with room to spare"
-    )]
-    let projected = (focal * slope * offset / nearest + 1e-15 * reach) as f32;
-    projected + 4.0 * ULP * (farthest + SIZE as f32)
-}
-
-/// Draws a cluster. `scratch` is working space.
-pub(crate) fn draw(
-    tile: &mut Tile,
-    place: &Place<'_>,
-    (cluster, content): (&Cluster, &Content<'_>),
-    scratch: &mut Projected,
-) {
-    if !scratch.project(place, cluster, content) {
-        for &triangle in content.triangles {
-            near::draw(tile, place, triangle, WHOLE);
-        }
-        return;
-    }
-    for (corners, &triangle) in content.corners.iter().zip(content.triangles) {
-        let corners = corners.map(usize::from);
-        let xs = corners.map(|corner| scratch.x[corner]);
-        let ys = corners.map(|corner| scratch.y[corner]);
-        let (Some((left, right)), Some((top, bottom))) =
-            (covered(xs, scratch.error), covered(ys, scratch.error))
-        else {
-            continue;
-        };
-        let from = Spot {
-            column: left,
-            row: top,
-        };
-        let to = Spot {
-            column: right,
-            row: bottom,
-        };
-        let nearness = corners.map(|corner| scratch.nearness[corner]);
-        match Edges::new((xs, ys), nearness, scratch.error) {
-            Some(edges) => edges.draw(tile, place, triangle, (from, to)),
-            None => near::draw(tile, place, triangle, (from, to)),
-        }
-    }
-}
-
-/// First and last sample of the tile between three coordinates, `error` allowed for; `None` when
-/// there is none.
-fn covered([a, b, c]: [f32; 3], error: f32) -> Option<(usize, usize)> {
-    const LAST: f32 = (SIZE - 1) as f32;
-    let low = if a < b { a } else { b };
-    let low = if c < low { c } else { low } - error;
-    let high = if a > b { a } else { b };
-    let high = if c > high { c } else { high } + error;
+/// First and last sample of the tile between two coordinates; `None` when there is none.
+#[inline(always)]
+fn covered(low: f32, high: f32) -> Option<(usize, usize)> {
     if !(low <= LAST && high >= 0.0) {
         return None;
     }
-    // Whole numbers upwards from `low`; at most one too many, never one too few.
-    let first = if low > 0.0 { low + (1.0 - 1e-5) } else { 0.0 };
-    let last = if high < LAST { high } else { LAST };
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "between 0 and SIZE"
     )]
-    let (first, last) = (first as i32 as usize, last as i32 as usize);
+    let (first, last) = (low.max(0.0).ceil() as usize, high.min(LAST) as usize);
     (first <= last).then_some((first, last))
 }
 
-/// Edge functions of a triangle: twice the areas that a sample spans with each edge, positive
-/// inside. Divided by their sum they are the barycentric weights on the image.
-#[derive(Debug, Clone, Copy)]
-struct Edges {
-    along_x: [f32; 3],
-    along_y: [f32; 3],
-    at_origin: [f32; 3],
+/// Eight triangles on the tile.
+///
+/// Edge functions are twice the areas that a sample spans with each edge, positive inside. Divided
+/// by their sum they are the barycentric weights on the image.
+struct Group<L: Lanes> {
+    /// First and last column, first and last row that a triangle may cover.
+    columns: [L::V; 2],
+    rows: [L::V; 2],
+    /// The functions at the first column and row, and how they change along both.
+    at: [L::V; 3],
+    along_x: [L::V; 3],
+    along_y: [L::V; 3],
     /// How far the functions may be off; inside or outside is clear beyond this.
-    doubt: f32,
+    doubt: L::V,
     /// Nearness at each corner, over the sum of the functions.
-    nearness: [f32; 3],
+    nearness: [L::V; 3],
+    /// Lanes with a triangle that may be seen, and those for which f32 is good enough.
+    alive: u32,
+    fine: u32,
 }
 
-impl Edges {
-    /// `None` when f32 cannot tell the triangle's depth well enough.
-    fn new((xs, ys): ([f32; 3], [f32; 3]), nearness: [f32; 3], error: f32) -> Option<Self> {
-        let (ux, uy) = (xs[1] - xs[0], ys[1] - ys[0]);
-        let (vx, vy) = (xs[2] - xs[0], ys[2] - ys[0]);
-        let area = ux * vy - uy * vx;
-        let extent = ux.abs() + uy.abs() + vx.abs() + vy.abs();
-        let doubt = 3.0 * error * extent;
-        let (low, high) = spread(nearness);
-        // Inside, nearness is a mean of the corners', weighted by the functions.
-        let uncertain = (high - low) * (4.0 * doubt);
-        if !(area.abs() > 2.0 * doubt && uncertain < area.abs() * low * (0.2 * DOUBT)) {
+/// The values of three corners' vertices in eight triangles.
+#[inline(always)]
+fn gather<L: Lanes>(l: L, values: &[f32; PLACES], places: &[[u8; LANES]; 3]) -> [L::V; 3] {
+    let mut corners = [[0.0; LANES]; 3];
+    for corner in 0..3 {
+        for lane in 0..LANES {
+            corners[corner][lane] = values[usize::from(places[corner][lane])];
+        }
+    }
+    [
+        l.load(&corners[0]),
+        l.load(&corners[1]),
+        l.load(&corners[2]),
+    ]
+}
+
+/// Least and greatest of three.
+#[inline(always)]
+fn spread<L: Lanes>(l: L, [a, b, c]: [L::V; 3]) -> (L::V, L::V) {
+    (l.min(l.min(a, b), c), l.max(l.max(a, b), c))
+}
+
+/// First and last sample between three coordinates, `error` allowed for.
+#[inline(always)]
+fn samples<L: Lanes>(l: L, corners: [L::V; 3], error: L::V) -> [L::V; 2] {
+    let (low, high) = spread(l, corners);
+    let low = l.max(l.sub(low, error), l.splat(0.0));
+    let high = l.min(l.add(high, error), l.splat(LAST));
+    [l.ceil(low), l.floor(high)]
+}
+
+impl<L: Lanes> Group<L> {
+    /// `None` when no triangle may cover a sample.
+    #[inline(always)]
+    fn new(l: L, scratch: &Projected, corners: &[[u8; 3]]) -> Option<Self> {
+        let mut places = [[0; LANES]; 3];
+        for (lane, corners) in corners.iter().enumerate() {
+            for corner in 0..3 {
+                places[corner][lane] = corners[corner];
+            }
+        }
+        let error = l.splat(scratch.error);
+        let xs = gather(l, &scratch.x, &places);
+        let columns = samples(l, xs, error);
+        let ys = gather(l, &scratch.y, &places);
+        let rows = samples(l, ys, error);
+        let none = l.less(columns[1], columns[0]) | l.less(rows[1], rows[0]);
+        let alive = ALL >> (LANES - corners.len()) & !none;
+        if alive == 0 {
             return None;
         }
-        let sign = if area > 0.0 { 1.0 } else { -1.0 };
-        let edge = |from: usize, to: usize| {
-            let (dx, dy) = (sign * (xs[to] - xs[from]), sign * (ys[to] - ys[from]));
-            (-dy, dx, dy * xs[from] - dx * ys[from])
-        };
-        let [a, b, c] = [edge(1, 2), edge(2, 0), edge(0, 1)];
-        let scale = 1.0 / area.abs();
-        Some(Self {
-            along_x: [a.0, b.0, c.0],
-            along_y: [a.1, b.1, c.1],
-            at_origin: [a.2, b.2, c.2],
-            doubt,
-            nearness: nearness.map(|nearness| nearness * scale),
-        })
+        let nearness = gather(l, &scratch.nearness, &places);
+        Some(Self::edges(
+            l,
+            ((xs, ys), nearness),
+            (columns, rows),
+            (error, alive),
+        ))
     }
 
-    /// Offers the triangle to all samples between two corners, both included.
-    fn draw(&self, tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to): (Spot, Spot)) {
-        for row in from.row..to.row + 1 {
-            let y = row as f32;
-            let start = [0, 1, 2].map(|edge| self.at_origin[edge] + self.along_y[edge] * y);
-            for first in (from.column..to.column + 1).step_by(LANES) {
-                let (least, nearness) = self.lanes(start, first as f32);
-                for lane in 0..LANES.min(to.column + 1 - first) {
-                    if least[lane] < -self.doubt {
-                        continue;
-                    }
-                    let column = first + lane;
-                    let spot = Spot { column, row };
-                    let known = (least[lane] > self.doubt).then_some(nearness[lane]);
-                    if known.is_none_or(|nearness| !tile.try_offer(spot, (triangle, nearness))) {
-                        settle(tile, place, (spot, triangle), known);
+    #[inline(always)]
+    fn edges(
+        l: L,
+        ((xs, ys), nearness): (([L::V; 3], [L::V; 3]), [L::V; 3]),
+        (columns, rows): ([L::V; 2], [L::V; 2]),
+        (error, alive): (L::V, u32),
+    ) -> Self {
+        let (ux, uy) = (l.sub(xs[1], xs[0]), l.sub(ys[1], ys[0]));
+        let (vx, vy) = (l.sub(xs[2], xs[0]), l.sub(ys[2], ys[0]));
+        let area = l.sub(l.mul(ux, vy), l.mul(uy, vx));
+        let size = l.abs(area);
+        let extent = l.add(l.add(l.abs(ux), l.abs(uy)), l.add(l.abs(vx), l.abs(vy)));
+        let doubt = l.mul(l.mul(error, extent), l.splat(3.0));
+        let (low, high) = spread(l, nearness);
+        // Inside, nearness is a mean of the corners', weighted by the functions.
+        let uncertain = l.mul(l.sub(high, low), l.mul(doubt, l.splat(4.0)));
+        let tolerable = l.mul(l.mul(size, low), l.splat(0.2 * DOUBT));
+        let fine = l.less(l.add(doubt, doubt), size) & l.less(uncertain, tolerable);
+        let zero = l.splat(0.0);
+        let turned = l.less(area, zero);
+        let (mut at, mut along_x, mut along_y) = ([zero; 3], [zero; 3], [zero; 3]);
+        for (edge, (from, to)) in [(1, 2), (2, 0), (0, 1)].into_iter().enumerate() {
+            let (dx, dy) = (l.sub(xs[to], xs[from]), l.sub(ys[to], ys[from]));
+            let dx = l.pick(turned, l.sub(zero, dx), dx);
+            let dy = l.pick(turned, l.sub(zero, dy), dy);
+            let (x, y) = (l.sub(columns[0], xs[from]), l.sub(rows[0], ys[from]));
+            at[edge] = l.sub(l.mul(dx, y), l.mul(dy, x));
+            along_x[edge] = l.sub(zero, dy);
+            along_y[edge] = dx;
+        }
+        let scale = l.div(l.splat(1.0), size);
+        Self {
+            columns,
+            rows,
+            at,
+            along_x,
+            along_y,
+            doubt,
+            nearness: [
+                l.mul(nearness[0], scale),
+                l.mul(nearness[1], scale),
+                l.mul(nearness[2], scale),
+            ],
+            alive,
+            fine,
+        }
+    }
+
+    #[inline(always)]
+    fn draw(&self, l: L, brush: &mut Brush<'_>, triangles: &[u32]) {
+        let one = l.splat(1.0);
+        let large = l.less(l.add(self.columns[0], one), self.columns[1])
+            | l.less(l.add(self.rows[0], one), self.rows[1]);
+        let good = self.alive & self.fine;
+        if good & !large != 0 {
+            self.draw_small(l, brush, triangles, good & !large);
+        }
+        if good & large != 0 {
+            self.draw_large(l, brush, triangles, good & large);
+        }
+        let bad = self.alive & !self.fine;
+        if bad != 0 {
+            let (left, right) = (l.store(self.columns[0]), l.store(self.columns[1]));
+            let (top, bottom) = (l.store(self.rows[0]), l.store(self.rows[1]));
+            for lane in SetBits(bad) {
+                let from = spot(left[lane], top[lane]);
+                let to = spot(right[lane], bottom[lane]);
+                brush.draw_exactly(triangles[lane], (from, to));
+            }
+        }
+    }
+
+    /// Draws the triangles of some lanes, which cover at most two samples a side: sample by sample,
+    /// all triangles at a time.
+    #[inline(always)]
+    fn draw_small(&self, l: L, brush: &mut Brush<'_>, triangles: &[u32], bits: u32) {
+        let first = l.mul_add(self.rows[0], l.splat(STRIDE as f32), self.columns[0]);
+        let first = l.store(first);
+        let below = l.sub(l.splat(0.0), self.doubt);
+        let wide = l.less(self.columns[0], self.columns[1]);
+        let high = l.less(self.rows[0], self.rows[1]);
+        for (x, y) in [(false, false), (true, false), (false, true), (true, true)] {
+            let bits = bits & if x { wide } else { ALL } & if y { high } else { ALL };
+            if bits == 0 {
+                continue;
+            }
+            let mut at = self.at;
+            for edge in 0..3 {
+                if x {
+                    at[edge] = l.add(at[edge], self.along_x[edge]);
+                }
+                if y {
+                    at[edge] = l.add(at[edge], self.along_y[edge]);
+                }
+            }
+            let least = l.min(l.min(at[0], at[1]), at[2]);
+            let inside = bits & l.less(self.doubt, least);
+            let maybe = bits & !inside & !l.less(least, below);
+            if inside | maybe == 0 {
+                continue;
+            }
+            let nearness = l.store(weighted(l, at, self.nearness));
+            let step = usize::from(x) + if y { STRIDE } else { 0 };
+            for lane in SetBits(inside) {
+                let offer = (triangles[lane], nearness[lane]);
+                let index = whole(first[lane]) + step;
+                if !brush.tile.try_offer(index, offer) {
+                    brush.settle(index, offer.0, Some(offer.1));
+                }
+            }
+            for lane in SetBits(maybe) {
+                let index = whole(first[lane]) + step;
+                if !brush.tile.surely_hides(index, nearness[lane]) {
+                    brush.settle(index, triangles[lane], None);
+                }
+            }
+        }
+    }
+
+    /// Draws the triangles of some lanes: triangle by triangle, eight samples at a time.
+    #[inline(always)]
+    fn draw_large(&self, l: L, brush: &mut Brush<'_>, triangles: &[u32], bits: u32) {
+        let stored = Stored {
+            columns: [l.store(self.columns[0]), l.store(self.columns[1])],
+            rows: [l.store(self.rows[0]), l.store(self.rows[1])],
+            at: [
+                l.store(self.at[0]),
+                l.store(self.at[1]),
+                l.store(self.at[2]),
+            ],
+            along_x: [
+                l.store(self.along_x[0]),
+                l.store(self.along_x[1]),
+                l.store(self.along_x[2]),
+            ],
+            along_y: [
+                l.store(self.along_y[0]),
+                l.store(self.along_y[1]),
+                l.store(self.along_y[2]),
+            ],
+            nearness: [
+                l.store(self.nearness[0]),
+                l.store(self.nearness[1]),
+                l.store(self.nearness[2]),
+            ],
+            doubt: l.store(self.doubt),
+        };
+        for lane in SetBits(bits) {
+            stored.draw(l, brush, (lane, triangles[lane]));
+        }
+    }
+}
+
+/// A [`Group`] in memory.
+struct Stored {
+    columns: [[f32; LANES]; 2],
+    rows: [[f32; LANES]; 2],
+    at: [[f32; LANES]; 3],
+    along_x: [[f32; LANES]; 3],
+    along_y: [[f32; LANES]; 3],
+    nearness: [[f32; LANES]; 3],
+    doubt: [f32; LANES],
+}
+
+const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+impl Stored {
+    #[inline(always)]
+    fn draw<L: Lanes>(&self, l: L, brush: &mut Brush<'_>, (lane, triangle): (usize, u32)) {
+        let from = spot(self.columns[0][lane], self.rows[0][lane]);
+        let to = spot(self.columns[1][lane], self.rows[1][lane]);
+        let steps = l.load(&STEPS);
+        let doubt = l.splat(self.doubt[lane]);
+        let below = l.splat(-self.doubt[lane]);
+        let nearness = [
+            l.splat(self.nearness[0][lane]),
+            l.splat(self.nearness[1][lane]),
+            l.splat(self.nearness[2][lane]),
+        ];
+        for first in (from.column..=to.column).step_by(LANES) {
+            let mut start = [steps; 3];
+            let mut down = [steps; 3];
+            let right = (first - from.column) as f32;
+            for edge in 0..3 {
+                let along = self.along_x[edge][lane];
+                let corner = l.splat(self.at[edge][lane] + along * right);
+                start[edge] = l.mul_add(l.splat(along), steps, corner);
+                down[edge] = l.splat(self.along_y[edge][lane]);
+            }
+            for row in from.row..=to.row {
+                let y = l.splat((row - from.row) as f32);
+                let mut at = start;
+                for edge in 0..3 {
+                    at[edge] = l.mul_add(down[edge], y, start[edge]);
+                }
+                let least = l.min(l.min(at[0], at[1]), at[2]);
+                let inside = l.less(doubt, least);
+                let maybe = !inside & ALL & !l.less(least, below);
+                if inside | maybe == 0 {
+                    continue;
+                }
+                let near = weighted(l, at, nearness);
+                let index = row * STRIDE + first;
+                let unsettled =
+                    brush
+                        .tile
+                        .try_offer_lanes(l, index, (triangle, near), (inside, maybe));
+                if unsettled != 0 {
+                    let near = l.store(near);
+                    for lane in SetBits(unsettled) {
+                        let known = (inside >> lane & 1 == 1).then_some(near[lane]);
+                        brush.settle(index + lane, triangle, known);
                     }
                 }
             }
         }
-        tile.touch(from, to);
     }
+}
 
-    /// The least of the edge functions and the nearness at some samples from column `x` on of the
-    /// row where the functions start with `start`.
-    #[inline]
-    fn lanes(&self, start: [f32; 3], x: f32) -> ([f32; LANES], [f32; LANES]) {
-        let mut least = [0.0; LANES];
-        let mut nearness = [0.0; LANES];
-        for lane in 0..LANES {
-            let x = x + lane as f32;
-            let at = [0, 1, 2].map(|edge| start[edge] + self.along_x[edge] * x);
-            let low = if at[0] < at[1] { at[0] } else { at[1] };
-            least[lane] = if at[2] < low { at[2] } else { low };
-            nearness[lane] =
-                at[0] * self.nearness[0] + at[1] * self.nearness[1] + at[2] * self.nearness[2];
+#[inline(always)]
+fn weighted<L: Lanes>(l: L, at: [L::V; 3], values: [L::V; 3]) -> L::V {
+    let sum = l.mul(at[0], values[0]);
+    l.mul_add(at[2], values[2], l.mul_add(at[1], values[1], sum))
+}
+
+/// The lanes whose bit is set.
+struct SetBits(u32);
+
+impl Iterator for SetBits {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        if self.0 == 0 {
+            return None;
         }
-        (least, nearness)
+        let lane = self.0.trailing_zeros() as usize;
+        self.0 &= self.0 - 1;
+        Some(lane % LANES)
     }
 }
 
-/// Offers a triangle where f32 is in doubt about what is nearer or, without a known nearness, about
-/// whether the sample sees the triangle at all.
-#[cold]
-fn settle(tile: &mut Tile, place: &Place<'_>, (spot, triangle): (Spot, u32), known: Option<f32>) {
-    let direction = place
-        .eye
-        .direction(place.column + spot.column, place.row + spot.row);
-    let exact = |triangle: u32| {
-        let crossing = place.eye.frame.cross(triangle as usize, direction);
-        crossing.map(|crossing| crossing.distance)
-    };
-    #[allow(clippy::cast_possible_truncation, reason = "well below DOUBT")]
-    let nearness = known.or_else(|| exact(triangle).map(|distance| (1.0 / distance) as f32));
-    if let Some(nearness) = nearness {
-        tile.offer(spot, (triangle, nearness), exact);
-    }
+/// A whole number between 0 and the size of a tile.
+#[inline(always)]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "whole and small"
+)]
+fn whole(value: f32) -> usize {
+    value as i32 as usize
 }
 
-/// The least and the greatest of three.
-fn spread([a, b, c]: [f32; 3]) -> (f32, f32) {
-    let low = if a < b { a } else { b };
-    let high = if a < b { b } else { a };
-    (
-        if c < low { c } else { low },
-        if c > high { c } else { high },
-    )
+#[inline(always)]
+fn spot(column: f32, row: f32) -> Spot {
+    Spot {
+        column: whole(column),
+        row: whole(row),
+    }
 }

@@ -2,6 +2,7 @@
 
 use super::Visible;
 use super::clusters::{Child, Cluster, Clusters, MOST_VERTICES, WIDTH, Wide};
+use super::lanes::LANES;
 use super::triangle::{Crossing, Ray};
 use glam::DVec3;
 
@@ -107,12 +108,18 @@ impl Probe {
         let content = clusters.content(cluster);
         let (axes, shear) = self.ray.shearing();
         let base = cluster.center - self.origin;
-        let [ox, oy, oz] = axes.map(|axis| content.offsets[axis]);
         let (mut x, mut y) = ([0.0f64; MOST_VERTICES], [0.0f64; MOST_VERTICES]);
-        for i in 0..ox.len() {
-            let along = base[axes[2]] + f64::from(oz[i]);
-            x[i] = base[axes[0]] + f64::from(ox[i]) - shear[0] * along;
-            y[i] = base[axes[1]] + f64::from(oy[i]) - shear[1] * along;
+        for (index, pack) in content.packs.iter().enumerate() {
+            let [ox, oy, oz] = axes.map(|axis| pack[axis]);
+            let (x, y) = (
+                &mut x[index * LANES..][..LANES],
+                &mut y[index * LANES..][..LANES],
+            );
+            for i in 0..LANES {
+                let along = base[axes[2]] + f64::from(oz[i]);
+                x[i] = base[axes[0]] + f64::from(ox[i]) - shear[0] * along;
+                y[i] = base[axes[1]] + f64::from(oy[i]) - shear[1] * along;
+            }
         }
         // Offsets are rounded to f32; a sheared coordinate feels two of them.
         let error = 2.0 * (1.2e-7 * f64::from(cluster.radius) + margin);

@@ -1,7 +1,8 @@
 //! Which clusters a tile may see, nearest first, and which of them are hidden already.
 
 use super::clusters::{Child, Clusters, WIDTH, Wide};
-use super::raster::{self, Place, Projected};
+use super::lens::{Lens, Place, Projected};
+use super::raster::Brush;
 use super::tile::{SIZE, Spot, Tile};
 
 /// Rounding of boxes in the camera frame, relative to the coordinates that enter.
@@ -15,6 +16,7 @@ pub(crate) fn scan(
 ) -> Tile {
     let mut tile = Tile::new(width, height);
     let mut scratch = Projected::new();
+    let lens = Lens::new(place);
     let gaze = Gaze::new(place, (width, height));
     let mut waiting = vec![(Child::Node(0), Box3::EVERYWHERE)];
     while let Some((child, seen)) = waiting.pop() {
@@ -26,7 +28,13 @@ pub(crate) fn scan(
             Child::Cluster(index) => {
                 let cluster = &clusters.clusters[index as usize];
                 let content = clusters.content(cluster);
-                raster::draw(&mut tile, place, (cluster, &content), &mut scratch);
+                let mut brush = Brush {
+                    tile: &mut tile,
+                    place,
+                    lens: &lens,
+                    scratch: &mut scratch,
+                };
+                brush.draw(cluster, &content);
             }
             Child::Node(index) => {
                 let first = waiting.len();

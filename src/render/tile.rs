@@ -1,7 +1,12 @@
 //! A square of samples with what is nearest at each, and how far the farthest of each block is.
 
+use super::lanes::{LANES, Lanes};
+
 /// Samples along each side.
 pub(crate) const SIZE: usize = 64;
+/// From a row to the next: a row is followed by samples that are never seen, so that lanes may
+/// reach beyond its end.
+pub(crate) const STRIDE: usize = SIZE + LANES;
 /// Samples along each side of a block.
 pub(crate) const BLOCK: usize = 8;
 const BLOCKS: usize = SIZE / BLOCK;
@@ -15,6 +20,14 @@ pub(crate) const DOUBT: f32 = 1e-4;
 pub(crate) struct Spot {
     pub(crate) column: usize,
     pub(crate) row: usize,
+}
+
+impl Spot {
+    /// Where it stands in the columns of a tile.
+    #[inline(always)]
+    pub(crate) fn index(self) -> usize {
+        self.row * STRIDE + self.column
+    }
 }
 
 /// Nearness, that is 1 / z-depth, and the visible triangle of each sample.
@@ -32,13 +45,13 @@ pub(crate) struct Tile {
 impl Tile {
     /// A tile of which `width` × `height` samples are used.
     pub(crate) fn new(width: usize, height: usize) -> Self {
-        let mut nearness = vec![f32::INFINITY; SIZE * SIZE];
-        for row in nearness.chunks_exact_mut(SIZE).take(height) {
+        let mut nearness = vec![f32::INFINITY; STRIDE * SIZE];
+        for row in nearness.chunks_exact_mut(STRIDE).take(height) {
             row[..width].fill(0.0);
         }
         Self {
             nearness,
-            triangles: vec![NONE; SIZE * SIZE],
+            triangles: vec![NONE; STRIDE * SIZE],
             least: [0.0; BLOCKS * BLOCKS],
             dirty: u64::MAX,
         }
@@ -46,7 +59,7 @@ impl Tile {
 
     /// The visible triangle at a sample.
     pub(crate) fn triangle(&self, spot: Spot) -> Option<u32> {
-        let triangle = self.triangles[spot.row * SIZE + spot.column];
+        let triangle = self.triangles[spot.index()];
         (triangle != NONE).then_some(triangle)
     }
 
@@ -69,10 +82,10 @@ impl Tile {
     fn least(&mut self, row: usize, column: usize) -> f32 {
         let block = row * BLOCKS + column;
         if self.dirty >> block & 1 == 1 {
-            let corner = row * BLOCK * SIZE + column * BLOCK;
+            let corner = row * BLOCK * STRIDE + column * BLOCK;
             let mut least = [f32::INFINITY; BLOCK];
             for row in 0..BLOCK {
-                let samples = &self.nearness[corner + row * SIZE..][..BLOCK];
+                let samples = &self.nearness[corner + row * STRIDE..][..BLOCK];
                 for (least, &sample) in least.iter_mut().zip(samples) {
                     *least = if sample < *least { sample } else { *least };
                 }
@@ -84,9 +97,8 @@ impl Tile {
     }
 
     /// As [`Self::offer`] where the difference is clear; else changes nothing and returns `false`.
-    #[inline]
-    pub(crate) fn try_offer(&mut self, spot: Spot, (triangle, nearness): (u32, f32)) -> bool {
-        let index = spot.row * SIZE + spot.column;
+    #[inline(always)]
+    pub(crate) fn try_offer(&mut self, index: usize, (triangle, nearness): (u32, f32)) -> bool {
         let there = self.nearness[index];
         if nearness > there * (1.0 + DOUBT) {
             self.nearness[index] = nearness;
@@ -94,6 +106,40 @@ impl Tile {
             return true;
         }
         nearness < there * (1.0 - DOUBT)
+    }
+
+    /// Whether what is at a sample clearly hides a surface of a nearness that is roughly known.
+    #[inline(always)]
+    pub(crate) fn surely_hides(&self, index: usize, nearness: f32) -> bool {
+        nearness < self.nearness[index] * (1.0 - 2.0 * DOUBT)
+    }
+
+    /// Offers a triangle to samples side by side from `index` on: in the lanes of `inside` it is
+    /// seen, in those of `maybe` this is not clear. Returns the lanes that nothing was decided for.
+    #[inline(always)]
+    pub(crate) fn try_offer_lanes<L: Lanes>(
+        &mut self,
+        l: L,
+        index: usize,
+        (triangle, nearness): (u32, L::V),
+        (inside, maybe): (u32, u32),
+    ) -> u32 {
+        let (Some(there), Some(triangles)) = (
+            self.nearness[index..].first_chunk_mut::<LANES>(),
+            self.triangles[index..].first_chunk_mut::<LANES>(),
+        ) else {
+            return 0;
+        };
+        let old = l.load(there);
+        let wins = inside & l.less(l.mul(old, l.splat(1.0 + DOUBT)), nearness);
+        let hidden = l.less(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
+        if wins != 0 {
+            *there = l.store(l.pick(wins, nearness, old));
+            let kept = l.load(&triangles.map(f32::from_bits));
+            let new = l.splat(f32::from_bits(triangle));
+            *triangles = l.store(l.pick(wins, new, kept)).map(f32::to_bits);
+        }
+        (inside | maybe) & !wins & !hidden
     }
 
     /// Makes `triangle` visible at a sample if it is nearer than what is there. Within [`DOUBT`]
@@ -104,7 +150,7 @@ impl Tile {
         (triangle, nearness): (u32, f32),
         exact: impl Fn(u32) -> Option<f64>,
     ) {
-        let index = spot.row * SIZE + spot.column;
+        let index = spot.index();
         let there = self.nearness[index];
         if nearness < there * (1.0 - DOUBT) {
             return;
