@@ -4,17 +4,11 @@
 //! compute from them is off by a known, tiny amount; what lies closer than that to a decision is
 //! decided by the exact test on the mesh itself.
 
-use super::lanes::LANES;
+use super::cluster::{Cluster, Draft, MOST_TRIANGLES};
 use super::tree::{self, Bounds, Item, Node, number};
 use glam::DVec3;
 use mvs_datasets::scene::Mesh;
 
-/// Most triangles of a cluster.
-pub(crate) const MOST_TRIANGLES: usize = 64;
-/// Most vertices of a cluster.
-pub(crate) const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
-/// Vertices that are stored side by side, axis by axis.
-pub(crate) type Pack = [[f32; LANES]; 3];
 /// Children of a node.
 pub(crate) const WIDTH: usize = 8;
 
@@ -25,7 +19,7 @@ pub(crate) enum Child {
     None,
     /// Another node, by number.
     Node(u32),
-    /// A cluster, by number.
+    /// A cluster, by its first word.
     Cluster(u32),
 }
 
@@ -39,38 +33,12 @@ pub(crate) struct Wide {
     pub(crate) children: [Child; WIDTH],
 }
 
-/// Where a cluster stands in the columns of [`Clusters`].
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Cluster {
-    /// What its vertices are counted from, itself counted from the mesh's centre.
-    pub(crate) center: DVec3,
-    /// The largest coordinate of its vertices, in absolute value.
-    pub(crate) radius: f32,
-    first_pack: u32,
-    first_triangle: u32,
-    packs: u8,
-    triangles: u8,
-}
-
-/// A cluster's vertices and triangles.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Content<'c> {
-    /// Offsets of the vertices from the cluster's centre; the last pack is filled up with copies.
-    pub(crate) packs: &'c [Pack],
-    /// Vertices of each triangle, counted in the cluster.
-    pub(crate) corners: &'c [[u8; 3]],
-    /// Each triangle's number in the mesh.
-    pub(crate) triangles: &'c [u32],
-}
-
 /// All clusters of a mesh and the tree over them, whose root is node 0.
 #[derive(Debug, Default)]
 pub(crate) struct Clusters {
     pub(crate) nodes: Vec<Wide>,
-    pub(crate) clusters: Vec<Cluster>,
-    packs: Vec<Pack>,
-    corners: Vec<[u8; 3]>,
-    triangles: Vec<u32>,
+    /// One cluster after the other.
+    words: Vec<f32>,
 }
 
 impl Clusters {
@@ -94,29 +62,21 @@ impl Clusters {
         built
     }
 
-    /// The vertices and triangles of a cluster.
-    pub(crate) fn content(&self, cluster: &Cluster) -> Content<'_> {
-        let triangles = cluster.first_triangle as usize..;
-        let count = usize::from(cluster.triangles);
-        Content {
-            packs: &self.packs[cluster.first_pack as usize..][..usize::from(cluster.packs)],
-            corners: &self.corners[triangles.clone()][..count],
-            triangles: &self.triangles[triangles][..count],
-        }
+    /// The cluster that a child stands for.
+    #[inline(always)]
+    pub(crate) fn cluster(&self, index: u32) -> Cluster<'_> {
+        Cluster::read(&self.words[index as usize..])
     }
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        self.nodes.len() * size_of::<Wide>()
-            + self.clusters.len() * size_of::<Cluster>()
-            + self.packs.len() * size_of::<Pack>()
-            + 3 * self.corners.len()
-            + 4 * self.triangles.len()
+        self.nodes.len() * size_of::<Wide>() + 4 * self.words.len()
     }
 
     /// Makes the wide nodes, from the root down, and the clusters as they are met.
     fn fill(&mut self, mesh: &Mesh, center: DVec3, items: &[Item], tree: &[Node]) {
         let mut local = vec![(u32::MAX, 0u8); mesh.vertices().len()];
+        let mut draft = Draft::default();
         let mut waiting = vec![(0u32, 0u32)];
         self.nodes.push(Wide::EMPTY);
         while let Some((wide, root)) = waiting.pop() {
@@ -129,71 +89,40 @@ impl Clusters {
                     Child::Node(next)
                 } else {
                     let own = &items[node.first as usize..][..node.count as usize];
-                    self.add_cluster(mesh, center, own, (&node.bounds, &mut local));
-                    Child::Cluster(number(self.clusters.len() - 1))
+                    let with = (&node.bounds, &mut draft, &mut local[..]);
+                    Child::Cluster(self.add_cluster(mesh, center, own, with))
                 };
                 self.nodes[wide as usize].put(slot, &node.bounds, child);
             }
         }
-        self.packs.shrink_to_fit();
-        self.corners.shrink_to_fit();
-        self.triangles.shrink_to_fit();
+        self.words.shrink_to_fit();
     }
 
-    /// `local` holds, per vertex of the mesh, the last cluster that uses it and its place there.
+    /// Adds a cluster of some triangles and returns its number. `local` holds, per vertex of the
+    /// mesh, the last cluster that uses it and its place there.
     fn add_cluster(
         &mut self,
         mesh: &Mesh,
         center: DVec3,
         items: &[Item],
-        (bounds, local): (&Bounds, &mut [(u32, u8)]),
-    ) {
-        let own = number(self.clusters.len());
+        (bounds, draft, local): (&Bounds, &mut Draft, &mut [(u32, u8)]),
+    ) -> u32 {
+        let own = number(self.words.len());
         let middle = [0, 1, 2].map(|axis| 0.5 * f64::from(bounds.low[axis] + bounds.high[axis]));
         let middle = DVec3::from(middle);
-        let first_pack = self.packs.len();
-        let first_triangle = number(self.triangles.len());
-        let mut vertices = 0;
-        let mut radius = 0.0f32;
         for item in items {
             let corners = mesh.triangles()[item.id as usize].map(|vertex| {
                 let place = &mut local[vertex as usize];
                 if place.0 != own {
-                    #[allow(clippy::cast_possible_truncation, reason = "at most 192 vertices")]
-                    let next = vertices as u8;
-                    *place = (own, next);
                     let offset = mesh.vertices()[vertex as usize] - center - middle;
-                    let offset = offset.as_vec3();
-                    radius = radius.max(offset.abs().max_element());
-                    self.put_vertex(vertices % LANES, offset.to_array());
-                    vertices += 1;
+                    *place = (own, draft.add_vertex(offset.as_vec3().to_array()));
                 }
                 place.1
             });
-            self.corners.push(corners);
-            self.triangles.push(item.id);
+            draft.add_triangle(corners, item.id);
         }
-        #[allow(clippy::cast_possible_truncation, reason = "at most 24 and 64")]
-        self.clusters.push(Cluster {
-            center: middle,
-            radius,
-            first_pack: number(first_pack),
-            first_triangle,
-            packs: (self.packs.len() - first_pack) as u8,
-            triangles: items.len() as u8,
-        });
-    }
-
-    /// Adds a vertex to the last pack, filling the rest of it; to a new one for lane 0.
-    fn put_vertex(&mut self, lane: usize, offset: [f32; 3]) {
-        if lane == 0 {
-            self.packs.push([[0.0; LANES]; 3]);
-        }
-        if let Some(pack) = self.packs.last_mut() {
-            for (column, value) in pack.iter_mut().zip(offset) {
-                column[lane..].fill(value);
-            }
-        }
+        draft.write(middle, &mut self.words);
+        own
     }
 }
 

@@ -1,9 +1,14 @@
 //! A tile's projection of clusters, in f32 with a known error.
 //!
-//! Positions are counted from the tile's first sample: the numerators of the projection are formed
-//! for that origin in f64 per cluster, so that f32 is left with small numbers.
+//! The projection is set up in f64 for each cluster, for positions counted from where the cluster's
+//! centre is seen, so that f32 is left with small numbers and one rounding on the tile.
 
-use super::clusters::{Cluster, Pack};
+#![allow(
+    clippy::needless_range_loop,
+    reason = "columns are walked side by side, and closures would leave the instruction set"
+)]
+
+use super::cluster::Cluster;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes};
 use super::tile::{DOUBT, SIZE};
@@ -30,9 +35,6 @@ pub(crate) struct Place<'e> {
 pub(crate) struct Lens {
     rows: [DVec3; 3],
     offsets: [f64; 3],
-    narrow: [[f32; 3]; 3],
-    /// Sums of the rows' absolute values.
-    reach: [f64; 3],
     /// What rounding in f64 may add up to, per unit of the cluster's distance from the mesh's
     /// centre, and without any.
     rounding: [[f64; 2]; 3],
@@ -90,8 +92,6 @@ impl Lens {
         Self {
             rows,
             offsets,
-            narrow: rows.map(|row| row.as_vec3().to_array()),
-            reach: rows.map(|row| row.abs().element_sum()),
             rounding: lever.map(|lever| [2e-15 * lever, 2e-15 * lever * center.length()]),
         }
     }
@@ -102,37 +102,44 @@ impl Lens {
     pub(crate) fn project<L: Lanes>(
         &self,
         l: L,
-        (cluster, packs): (&Cluster, &[Pack]),
+        cluster: &Cluster<'_>,
         to: &mut Projected,
     ) -> bool {
         let mut base = self.offsets;
-        let zero = l.splat(0.0);
-        let (mut from, mut rows) = ([zero; 3], [[zero; 3]; 3]);
         for k in 0..3 {
             base[k] += self.rows[k].dot(cluster.center);
-            #[allow(clippy::cast_possible_truncation, reason = "allowed for in the error")]
-            let narrow = base[k] as f32;
-            from[k] = l.splat(narrow);
-            for axis in 0..3 {
-                rows[k][axis] = l.splat(self.narrow[k][axis]);
+        }
+        let middle = [base[0] / base[2], base[1] / base[2]];
+        let zero = l.splat(0.0);
+        let (mut rows, mut start) = ([[zero; 3]; 2], [zero; 2]);
+        let mut steep = [0.0; 2];
+        let mut ahead = [zero; 3];
+        #[allow(clippy::cast_possible_truncation, reason = "allowed for in the error")]
+        for axis in 0..3 {
+            ahead[axis] = l.splat(self.rows[2][axis] as f32);
+            for k in 0..2 {
+                let slope = self.rows[k][axis] - middle[k] * self.rows[2][axis];
+                steep[k] += slope.abs();
+                rows[k][axis] = l.splat(slope as f32);
+                start[k] = l.splat(middle[k] as f32);
             }
         }
+        #[allow(clippy::cast_possible_truncation, reason = "allowed for in the error")]
+        let depth = l.splat(base[2] as f32);
         let mut nearest = l.splat(f32::INFINITY);
         let mut low = [nearest; 2];
         let mut high = [l.splat(f32::NEG_INFINITY); 2];
-        for (index, pack) in packs.iter().enumerate() {
-            let offset = [l.load(&pack[0]), l.load(&pack[1]), l.load(&pack[2])];
-            let z = along(l, &rows[2], &offset, from[2]);
+        for (index, pack) in cluster.packs.iter().enumerate() {
+            let offset = [load(l, pack, 0), load(l, pack, 1), load(l, pack, 2)];
+            let z = along(l, &ahead, &offset, depth);
             let near = l.div(l.splat(1.0), z);
-            let mut at = [near; 2];
-            for axis in 0..2 {
-                at[axis] = l.mul(along(l, &rows[axis], &offset, from[axis]), near);
+            let mut at = start;
+            for k in 0..2 {
+                at[k] = l.mul_add(along(l, &rows[k], &offset, zero), near, start[k]);
+                low[k] = l.min(at[k], low[k]);
+                high[k] = l.max(at[k], high[k]);
             }
             nearest = l.min(z, nearest);
-            for axis in 0..2 {
-                low[axis] = l.min(at[axis], low[axis]);
-                high[axis] = l.max(at[axis], high[axis]);
-            }
             put(&mut to.x, index, l.store(at[0]));
             put(&mut to.y, index, l.store(at[1]));
             put(&mut to.nearness, index, l.store(near));
@@ -140,32 +147,61 @@ impl Lens {
         let [left, top] = [least(l.store(low[0])), least(l.store(low[1]))];
         let [right, bottom] = [greatest(l.store(high[0])), greatest(l.store(high[1]))];
         to.extent = [left, right, top, bottom];
-        self.judge(cluster, base, least(l.store(nearest)), to)
+        self.judge(
+            cluster,
+            (base[2], middle, steep),
+            least(l.store(nearest)),
+            to,
+        )
     }
 
     /// Works out by how many samples a projected vertex may be off: a few roundings of each linear
-    /// function, seen from the nearest depth.
+    /// function, seen from the nearest depth, and two of the position on the tile.
     #[inline(always)]
-    fn judge(&self, cluster: &Cluster, base: [f64; 3], nearest: f32, to: &mut Projected) -> bool {
-        let size = cluster.center.abs().element_sum() + f64::from(cluster.radius);
-        let slack = [0, 1, 2].map(|k| {
-            let sum = base[k].abs() + self.reach[k] * f64::from(cluster.radius);
-            3.0 * f64::from(ULP) * sum + self.rounding[k][0] * size + self.rounding[k][1]
-        });
-        let nearest = f64::from(nearest) - slack[2];
-        if !(nearest > 0.0 && slack[2] < f64::from(0.2 * DOUBT) * nearest) {
+    fn judge(
+        &self,
+        cluster: &Cluster<'_>,
+        (depth, middle, steep): (f64, [f64; 2], [f64; 2]),
+        nearest: f32,
+        to: &mut Projected,
+    ) -> bool {
+        let radius = f64::from(cluster.radius);
+        let size = cluster.center.abs().element_sum() + radius;
+        let slack_z = 3.0 * f64::from(ULP) * (depth.abs() + 1.8 * radius)
+            + self.rounding[2][0] * size
+            + self.rounding[2][1];
+        let nearest = f64::from(nearest) - slack_z;
+        if !(nearest > 0.0 && slack_z < f64::from(0.2 * DOUBT) * nearest) {
             return false;
         }
-        let farthest = to.extent.iter().fold(0.0f32, |far, v| far.max(v.abs()));
-        let projected = (slack[0].max(slack[1]) + f64::from(farthest) * slack[2]) / nearest;
+        let mut slack = 0.0f64;
+        for k in 0..2 {
+            let wide = self.rounding[k][0] + middle[k].abs() * self.rounding[2][0];
+            let fixed = self.rounding[k][1] + middle[k].abs() * self.rounding[2][1];
+            slack = slack.max(3.0 * f64::from(ULP) * steep[k] * radius + wide * size + fixed);
+        }
+        let [left, right, top, bottom] = to.extent.map(f64::from);
+        let [x, y] = middle;
+        let across = (left - x).abs().max((right - x).abs());
+        let across = across.max((top - y).abs()).max((bottom - y).abs());
+        let farthest = left.abs().max(right.abs()).max(top.abs()).max(bottom.abs());
+        let projected = (slack + across * slack_z) / nearest;
+        let rounded = f64::from(ULP) * (farthest + x.abs().max(y.abs()) + across);
         #[allow(
             clippy::cast_possible_truncation,
             reason = "a bound with room to spare"
         )]
-        let projected = 1.05 * projected as f32;
-        to.error = projected + 4.0 * ULP * (farthest + SIZE as f32);
-        to.error < MOST_ERROR
+        let error = (1.05 * (projected + rounded)) as f32;
+        to.error = error;
+        error < MOST_ERROR
     }
+}
+
+#[inline(always)]
+fn load<L: Lanes>(l: L, pack: &[f32; 3 * LANES], axis: usize) -> L::V {
+    let mut values = [0.0; LANES];
+    values.copy_from_slice(&pack[axis * LANES..][..LANES]);
+    l.load(&values)
 }
 
 /// A linear function of three coordinates.

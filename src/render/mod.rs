@@ -6,6 +6,7 @@
 //! mean of a regular grid of samples, each with its own visibility.
 
 mod bvh;
+mod cluster;
 mod clusters;
 mod eye;
 mod lanes;

@@ -1,9 +1,14 @@
 //! Clusters drawn into a tile: eight triangles at a time, tested in f32 with a known error; what
 //! lies within that error of an edge, or of another surface's depth, is decided by the exact test.
 
-use super::clusters::{Cluster, Content, MOST_TRIANGLES};
+#![allow(
+    clippy::needless_range_loop,
+    reason = "columns are walked side by side, and closures would leave the instruction set"
+)]
+
+use super::cluster::{self, Cluster};
 use super::lanes::{ALL, LANES, Lanes, Task, dispatch};
-use super::lens::{Lens, PLACES, Place, Projected};
+use super::lens::{Lens, PLACES, Place, Projected, ULP};
 use super::near;
 use super::tile::{DOUBT, SIZE, STRIDE, Spot, Tile};
 
@@ -26,8 +31,8 @@ pub(crate) struct Brush<'t> {
 }
 
 impl Brush<'_> {
-    pub(crate) fn draw(&mut self, cluster: &Cluster, content: &Content<'_>) {
-        dispatch(Draw(self, cluster, content));
+    pub(crate) fn draw(&mut self, cluster: &Cluster<'_>) {
+        dispatch(Draw(self, cluster));
     }
 
     fn draw_exactly(&mut self, triangle: u32, from_to: (Spot, Spot)) {
@@ -59,19 +64,16 @@ impl Brush<'_> {
     }
 }
 
-struct Draw<'d, 'b>(&'d mut Brush<'b>, &'d Cluster, &'d Content<'d>);
+struct Draw<'d, 'b>(&'d mut Brush<'b>, &'d Cluster<'d>);
 
 impl Task for Draw<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
-        let Self(brush, cluster, content) = self;
-        if !brush
-            .lens
-            .project(l, (cluster, content.packs), brush.scratch)
-        {
-            for &triangle in content.triangles {
+        let Self(brush, cluster) = self;
+        if !brush.lens.project(l, cluster, brush.scratch) {
+            for (_, triangle) in cluster.triangles() {
                 brush.draw_exactly(triangle, WHOLE);
             }
             return;
@@ -84,14 +86,9 @@ impl Task for Draw<'_, '_> {
         ) else {
             return;
         };
-        debug_assert!(content.triangles.len() <= MOST_TRIANGLES);
-        let chunks = content
-            .corners
-            .chunks(LANES)
-            .zip(content.triangles.chunks(LANES));
-        for (corners, triangles) in chunks {
-            if let Some(group) = Group::new(l, brush.scratch, corners) {
-                group.draw(l, brush, triangles);
+        for (numbers, used) in cluster.groups() {
+            if let Some(group) = Group::new(l, brush.scratch, (numbers, used)) {
+                group.draw(l, brush, numbers);
             }
         }
         let [from, to] = [0, 1].map(|end| Spot {
@@ -172,27 +169,22 @@ fn samples<L: Lanes>(l: L, corners: [L::V; 3], error: L::V) -> [L::V; 2] {
 impl<L: Lanes> Group<L> {
     /// `None` when no triangle may cover a sample.
     #[inline(always)]
-    fn new(l: L, scratch: &Projected, corners: &[[u8; 3]]) -> Option<Self> {
-        let mut places = [[0; LANES]; 3];
-        for (lane, corners) in corners.iter().enumerate() {
-            for corner in 0..3 {
-                places[corner][lane] = corners[corner];
-            }
-        }
+    fn new(l: L, scratch: &Projected, (numbers, used): (&cluster::Group, usize)) -> Option<Self> {
+        let places = cluster::places(numbers);
         let error = l.splat(scratch.error);
         let xs = gather(l, &scratch.x, &places);
         let columns = samples(l, xs, error);
         let ys = gather(l, &scratch.y, &places);
         let rows = samples(l, ys, error);
         let none = l.less(columns[1], columns[0]) | l.less(rows[1], rows[0]);
-        let alive = ALL >> (LANES - corners.len()) & !none;
+        let alive = ALL >> (LANES - used) & !none;
         if alive == 0 {
             return None;
         }
         let nearness = gather(l, &scratch.nearness, &places);
         Some(Self::edges(
             l,
-            ((xs, ys), nearness),
+            [xs, ys, nearness],
             (columns, rows),
             (error, alive),
         ))
@@ -201,7 +193,7 @@ impl<L: Lanes> Group<L> {
     #[inline(always)]
     fn edges(
         l: L,
-        ((xs, ys), nearness): (([L::V; 3], [L::V; 3]), [L::V; 3]),
+        [xs, ys, nearness]: [[L::V; 3]; 3],
         (columns, rows): ([L::V; 2], [L::V; 2]),
         (error, alive): (L::V, u32),
     ) -> Self {
@@ -210,7 +202,9 @@ impl<L: Lanes> Group<L> {
         let area = l.sub(l.mul(ux, vy), l.mul(uy, vx));
         let size = l.abs(area);
         let extent = l.add(l.add(l.abs(ux), l.abs(uy)), l.add(l.abs(vx), l.abs(vy)));
-        let doubt = l.mul(l.mul(error, extent), l.splat(3.0));
+        // Corners that are off, then the roundings of the functions up to a few lanes beyond.
+        let rounding = l.mul(l.add(extent, l.splat(8.0)), l.splat(8.0 * ULP));
+        let doubt = l.mul(l.mul_add(error, l.splat(3.0), rounding), extent);
         let (low, high) = spread(l, nearness);
         // Inside, nearness is a mean of the corners', weighted by the functions.
         let uncertain = l.mul(l.sub(high, low), l.mul(doubt, l.splat(4.0)));
@@ -247,16 +241,16 @@ impl<L: Lanes> Group<L> {
     }
 
     #[inline(always)]
-    fn draw(&self, l: L, brush: &mut Brush<'_>, triangles: &[u32]) {
+    fn draw(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group) {
         let one = l.splat(1.0);
         let large = l.less(l.add(self.columns[0], one), self.columns[1])
             | l.less(l.add(self.rows[0], one), self.rows[1]);
         let good = self.alive & self.fine;
         if good & !large != 0 {
-            self.draw_small(l, brush, triangles, good & !large);
+            self.draw_small(l, brush, numbers, good & !large);
         }
         if good & large != 0 {
-            self.draw_large(l, brush, triangles, good & large);
+            self.draw_large(l, brush, numbers, good & large);
         }
         let bad = self.alive & !self.fine;
         if bad != 0 {
@@ -265,7 +259,7 @@ impl<L: Lanes> Group<L> {
             for lane in SetBits(bad) {
                 let from = spot(left[lane], top[lane]);
                 let to = spot(right[lane], bottom[lane]);
-                brush.draw_exactly(triangles[lane], (from, to));
+                brush.draw_exactly(cluster::number(numbers, lane), (from, to));
             }
         }
     }
@@ -273,7 +267,7 @@ impl<L: Lanes> Group<L> {
     /// Draws the triangles of some lanes, which cover at most two samples a side: sample by sample,
     /// all triangles at a time.
     #[inline(always)]
-    fn draw_small(&self, l: L, brush: &mut Brush<'_>, triangles: &[u32], bits: u32) {
+    fn draw_small(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group, bits: u32) {
         let first = l.mul_add(self.rows[0], l.splat(STRIDE as f32), self.columns[0]);
         let first = l.store(first);
         let below = l.sub(l.splat(0.0), self.doubt);
@@ -302,7 +296,7 @@ impl<L: Lanes> Group<L> {
             let nearness = l.store(weighted(l, at, self.nearness));
             let step = usize::from(x) + if y { STRIDE } else { 0 };
             for lane in SetBits(inside) {
-                let offer = (triangles[lane], nearness[lane]);
+                let offer = (cluster::number(numbers, lane), nearness[lane]);
                 let index = whole(first[lane]) + step;
                 if !brush.tile.try_offer(index, offer) {
                     brush.settle(index, offer.0, Some(offer.1));
@@ -311,7 +305,7 @@ impl<L: Lanes> Group<L> {
             for lane in SetBits(maybe) {
                 let index = whole(first[lane]) + step;
                 if !brush.tile.surely_hides(index, nearness[lane]) {
-                    brush.settle(index, triangles[lane], None);
+                    brush.settle(index, cluster::number(numbers, lane), None);
                 }
             }
         }
@@ -319,7 +313,7 @@ impl<L: Lanes> Group<L> {
 
     /// Draws the triangles of some lanes: triangle by triangle, eight samples at a time.
     #[inline(always)]
-    fn draw_large(&self, l: L, brush: &mut Brush<'_>, triangles: &[u32], bits: u32) {
+    fn draw_large(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group, bits: u32) {
         let stored = Stored {
             columns: [l.store(self.columns[0]), l.store(self.columns[1])],
             rows: [l.store(self.rows[0]), l.store(self.rows[1])],
@@ -346,7 +340,7 @@ impl<L: Lanes> Group<L> {
             doubt: l.store(self.doubt),
         };
         for lane in SetBits(bits) {
-            stored.draw(l, brush, (lane, triangles[lane]));
+            stored.draw(l, brush, (lane, cluster::number(numbers, lane)));
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Single rays through the tree of clusters.
 
 use super::Visible;
-use super::clusters::{Child, Cluster, Clusters, MOST_VERTICES, WIDTH, Wide};
+use super::cluster::{Cluster, MOST_VERTICES};
+use super::clusters::{Child, Clusters, WIDTH, Wide};
 use super::lanes::LANES;
 use super::triangle::{Crossing, Ray};
 use glam::DVec3;
@@ -60,8 +61,7 @@ impl Probe {
                     waiting[first..].sort_by(|a, b| b.1.total_cmp(&a.1));
                 }
                 Child::Cluster(index) => {
-                    let cluster = &clusters.clusters[index as usize];
-                    self.candidates(clusters, cluster, margin, &mut candidates);
+                    self.candidates(&clusters.cluster(index), margin, &mut candidates);
                     for &triangle in &candidates {
                         let triangle = triangle as usize;
                         if let Some(crossing) = cross(triangle) {
@@ -98,19 +98,12 @@ impl Probe {
 
     /// Triangles of a cluster that the ray's line may meet: those that its projection along the
     /// ray does not clearly leave aside.
-    fn candidates(
-        &self,
-        clusters: &Clusters,
-        cluster: &Cluster,
-        margin: f64,
-        found: &mut Vec<u32>,
-    ) {
-        let content = clusters.content(cluster);
+    fn candidates(&self, cluster: &Cluster<'_>, margin: f64, found: &mut Vec<u32>) {
         let (axes, shear) = self.ray.shearing();
         let base = cluster.center - self.origin;
         let (mut x, mut y) = ([0.0f64; MOST_VERTICES], [0.0f64; MOST_VERTICES]);
-        for (index, pack) in content.packs.iter().enumerate() {
-            let [ox, oy, oz] = axes.map(|axis| pack[axis]);
+        for (index, pack) in cluster.packs.iter().enumerate() {
+            let [ox, oy, oz] = axes.map(|axis| &pack[axis * LANES..][..LANES]);
             let (x, y) = (
                 &mut x[index * LANES..][..LANES],
                 &mut y[index * LANES..][..LANES],
@@ -124,8 +117,7 @@ impl Probe {
         // Offsets are rounded to f32; a sheared coordinate feels two of them.
         let error = 2.0 * (1.2e-7 * f64::from(cluster.radius) + margin);
         found.clear();
-        for (corners, &triangle) in content.corners.iter().zip(content.triangles) {
-            let [a, b, c] = corners.map(usize::from);
+        for ([a, b, c], triangle) in cluster.triangles() {
             let cross = |p: usize, q: usize| x[p] * y[q] - y[p] * x[q];
             let reach = [a, b, c]
                 .iter()

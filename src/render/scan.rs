@@ -26,15 +26,13 @@ pub(crate) fn scan(
         match child {
             Child::None => {}
             Child::Cluster(index) => {
-                let cluster = &clusters.clusters[index as usize];
-                let content = clusters.content(cluster);
                 let mut brush = Brush {
                     tile: &mut tile,
                     place,
                     lens: &lens,
                     scratch: &mut scratch,
                 };
-                brush.draw(cluster, &content);
+                brush.draw(&clusters.cluster(index));
             }
             Child::Node(index) => {
                 let first = waiting.len();
