@@ -11,7 +11,7 @@
 use super::cluster::Cluster;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes};
-use super::tile::{DOUBT, SIZE};
+use super::tile::DOUBT;
 use glam::DVec3;
 
 /// Rounding of one f32 number, relative, doubled.

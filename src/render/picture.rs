@@ -5,7 +5,7 @@ use super::eye::Eye;
 use super::lens::Place;
 use super::scan::scan;
 use super::surface::{Facet, Frame, Patch};
-use super::tile::{NONE, SIZE, Spot, Tile};
+use super::tile::{SIZE, Spot, Tile};
 use super::{Pixel, RenderOptions, Rendering, mean_color};
 use crate::error::Result;
 use crate::parallel;
@@ -104,10 +104,7 @@ pub(crate) fn visible_count(clusters: &Clusters, frame: &Frame<'_>) -> usize {
             &place,
             (SIZE.min(width - column), SIZE.min(height - row)),
         );
-        tile.triangles
-            .iter()
-            .filter(|&&triangle| triangle != NONE)
-            .count()
+        tile.count()
     });
     counts.into_iter().sum()
 }
@@ -135,7 +132,7 @@ impl<'p> Painter<'p> {
             row,
         };
         let tile = scan(self.clusters, &place, (width, height));
-        if tile.triangles.iter().all(|&triangle| triangle == NONE) {
+        if tile.is_blank() {
             return None;
         }
         let mut maps = Maps::empty(width * height, self.options);
@@ -270,7 +267,7 @@ fn resolve(
     debug_assert!(crossing.is_some(), "the fast path saw what is not there");
     let distance = match crossing {
         Some(crossing) => crossing.distance,
-        None => f64::from(tile.nearness[spot.index()]).recip(),
+        None => f64::from(tile.nearness(spot)).recip(),
     };
     Pixel::new(facet, distance, direction, [0; 3])
 }

@@ -434,15 +434,10 @@ impl Iterator for SetBits {
     }
 }
 
-/// A whole number between 0 and the size of a tile.
+/// A whole number between 0 and 2^16: the low bits of its sum with 2^23.
 #[inline(always)]
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "whole and small"
-)]
 fn whole(value: f32) -> usize {
-    value as i32 as usize
+    ((value + 8_388_608.0).to_bits() & 0xffff) as usize
 }
 
 #[inline(always)]

@@ -34,8 +34,8 @@ impl Spot {
 #[derive(Debug, Clone)]
 pub(crate) struct Tile {
     /// 0 where there is no surface, infinite beyond the tile's used part.
-    pub(crate) nearness: Vec<f32>,
-    pub(crate) triangles: Vec<u32>,
+    nearness: Vec<f32>,
+    triangles: Vec<u32>,
     /// The least nearness in each block, as of its last visit.
     least: [f32; BLOCKS * BLOCKS],
     /// One bit per block whose `least` is out of date.
@@ -61,6 +61,22 @@ impl Tile {
     pub(crate) fn triangle(&self, spot: Spot) -> Option<u32> {
         let triangle = self.triangles[spot.index()];
         (triangle != NONE).then_some(triangle)
+    }
+
+    /// About 1 / z-depth of what a sample sees.
+    pub(crate) fn nearness(&self, spot: Spot) -> f32 {
+        self.nearness[spot.index()]
+    }
+
+    /// Whether no sample sees anything.
+    pub(crate) fn is_blank(&self) -> bool {
+        self.triangles.iter().all(|&triangle| triangle == NONE)
+    }
+
+    /// How many samples see something.
+    pub(crate) fn count(&self) -> usize {
+        let seen = |triangle: &&u32| **triangle != NONE;
+        self.triangles.iter().filter(seen).count()
     }
 
     /// Notes that samples between two corners, both included, have changed.
