@@ -3,15 +3,18 @@
 //! stdout is the answer, stderr the conversation. Exit codes: 0 done; 1 done, and a check or gate
 //! failed; 2 could not do it.
 
+mod augment;
 mod bars;
 mod blend;
 mod common;
 mod compare;
 mod demo;
+mod depth;
 mod fuse;
 mod generate;
 mod inspect;
 mod output;
+mod pairs;
 mod render;
 mod replay;
 mod report;
@@ -57,8 +60,11 @@ enum Command {
     Score(score::ScoreArgs),
     Report(report::ReportArgs),
     Compare(compare::CompareArgs),
+    Depth(depth::DepthArgs),
     Verify(verify::VerifyArgs),
     Render(render::RenderArgs),
+    Augment(augment::AugmentArgs),
+    Pairs(pairs::PairsArgs),
     Blend(blend::BlendArgs),
     Inspect(inspect::InspectArgs),
     Replay(replay::ReplayArgs),
@@ -92,10 +98,13 @@ pub(crate) fn main() -> ExitCode {
 fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
     match command {
         Command::Demo(args) => demo::run(args, global),
+        Command::Pairs(args) => pairs::run(args, global),
+        Command::Augment(args) => augment::run(args, global),
         Command::Blend(args) => blend::run(args, global),
         Command::Generate(args) => generate::run(args, global),
         Command::Report(args) => report::run(args, global),
         Command::Compare(args) => compare::run(args, global),
+        Command::Depth(args) => depth::run(args, global),
         Command::Verify(args) => verify::run(args, global),
         Command::Render(args) => render::run(args, global),
         Command::Fuse(args) => fuse::run(args, global),

@@ -1,5 +1,7 @@
 use super::common::{Global, Verdict};
-use super::{blend, demo, fuse, generate, output, render, report, score, verify};
+use super::{
+    augment, blend, demo, depth, fuse, generate, output, pairs, render, report, score, verify,
+};
 use clap::Args;
 use mvs_eval::config;
 use mvs_eval::provenance::Run;
@@ -33,6 +35,9 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
     let layers = [run.options.clone(), over];
     match run.command.as_str() {
         "demo" => demo::execute(&config::resolve(layers)?, global),
+        "augment" => augment::execute(&config::resolve(layers)?, global),
+        "pairs" => pairs::execute(&config::resolve(layers)?, global),
+        "depth" => depth::execute(&config::resolve(layers)?, global),
         "blend" => blend::execute(&config::resolve(layers)?, global),
         "generate" => generate::execute(&config::resolve(layers)?, global),
         "verify" => verify::execute(&config::resolve(layers)?, global),

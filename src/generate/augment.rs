@@ -217,6 +217,78 @@ mod tests {
         assert_eq!(found, single);
     }
 
+    /// The published formulas, one after the other on one channel: U added, (x − mean) · U + mean, and a
+    /// full 3×3 convolution with the published weights; clipped; borders by reflect-101.
+    fn plainly(values: &[f64], (width, height): (usize, usize), step: Step) -> Vec<f64> {
+        let clip = |value: f64| value.clamp(0.0, 255.0);
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let kernel = match step {
+            Step::Brightness(added) => return values.iter().map(|v| clip(v + added)).collect(),
+            Step::Contrast(factor) => {
+                let stretched = values.iter().map(|v| clip((v - mean) * factor + mean));
+                return stretched.collect();
+            }
+            Step::MotionBlur(None) => return values.to_vec(),
+            Step::MotionBlur(Some(BlurDirection::Horizontal)) => {
+                [[0.0; 3], [0.2256, 0.5488, 0.2256], [0.0; 3]]
+            }
+            Step::MotionBlur(Some(BlurDirection::Vertical)) => {
+                [[0.0, 0.2256, 0.0], [0.0, 0.5488, 0.0], [0.0, 0.2256, 0.0]]
+            }
+            Step::MotionBlur(Some(BlurDirection::DiagonalDown)) => {
+                [[0.1263, 0.0, 0.0], [0.0, 0.7474, 0.0], [0.0, 0.0, 0.1263]]
+            }
+            Step::MotionBlur(Some(BlurDirection::DiagonalUp)) => {
+                [[0.0, 0.0, 0.1263], [0.0, 0.7474, 0.0], [0.1263, 0.0, 0.0]]
+            }
+        };
+        let mirrored = |index: usize, step: usize, length: usize| {
+            // index + step − 1, mirrored at the first and the last.
+            match index + step {
+                0 => 1,
+                at if at == length + 1 => length - 2,
+                at => at - 1,
+            }
+        };
+        let at = |index: usize| {
+            let (column, row) = (index % width, index / width);
+            let tap = |(j, i): (usize, usize)| {
+                let (x, y) = (mirrored(column, i, width), mirrored(row, j, height));
+                kernel[j][i] * values[y * width + x]
+            };
+            (0..3)
+                .flat_map(|j| (0..3).map(move |i| (j, i)))
+                .map(tap)
+                .sum()
+        };
+        (0..values.len()).map(at).collect()
+    }
+
+    #[test]
+    fn drawn_steps_equal_the_plain_formulas() {
+        let (width, height) = (23, 17);
+        let level = |index: usize, channel: usize| ((index * 7919 + channel * 104_729) % 251) as u8;
+        let pixels = (0..width * height).map(|i| [level(i, 0), level(i, 1), level(i, 2)]);
+        let given = Raster::from_values(23, 17, pixels.collect()).unwrap();
+        for view in 0..40 {
+            let steps = draw(11, view);
+            let found = apply(&given, &steps).unwrap();
+            for channel in 0..3 {
+                let values = given.values().iter().map(|pixel| f64::from(pixel[channel]));
+                let expected = steps
+                    .iter()
+                    .fold(values.collect::<Vec<f64>>(), |values, &step| {
+                        plainly(&values, (width, height), step)
+                    });
+                for (pixel, expected) in found.values().iter().zip(expected) {
+                    // Half a level by rounding, 255 · 1e-4 by the weights' four digits.
+                    let off = (f64::from(pixel[channel]) - expected).abs();
+                    assert!(off <= 0.5 + 0.03, "{view} {steps:?} {off}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn draws_are_seeded_and_have_the_published_distributions() {
         assert_eq!(draw(7, 3), draw(7, 3));

@@ -8,6 +8,7 @@ mod photos;
 mod plan;
 mod range;
 mod resample;
+mod sparse;
 pub mod verify;
 mod view;
 pub mod visibility;
@@ -18,6 +19,7 @@ pub use photos::{PhotoFolder, Photographs};
 pub use plan::{mesh_digest, scene_id};
 pub use range::{HYPOTHESES, RangeRule, depth_range, kept_by_readers};
 pub use resample::resized;
+pub use sparse::sparse_sources;
 
 use crate::blend::BlendOptions;
 use crate::error::{Error, Result};

@@ -38,7 +38,7 @@ impl Default for PairOptions {
 }
 
 impl PairOptions {
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         let sigmas = [self.sigma_below, self.sigma_above];
         if self.points == 0 || self.sources == 0 {
             let problem = "expected at least 1 point and 1 source view per view, found 0";

@@ -4,14 +4,17 @@
 //! stores and what replays it. Each file has the struct and a `run(&job, &context)` that returns
 //! an outcome which the command line prints.
 
+pub mod augment;
 pub mod blend;
 pub mod cameras;
 pub mod compare;
 pub mod demo;
+pub mod depth;
 pub mod fuse;
 pub mod generate;
 pub mod inspect;
 mod out;
+pub mod pairs;
 pub mod render;
 pub mod report;
 pub mod score;

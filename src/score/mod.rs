@@ -6,6 +6,7 @@
 
 pub mod bootstrap;
 pub mod cameras;
+pub mod depth;
 pub mod evaluation;
 pub mod gates;
 pub mod plain;

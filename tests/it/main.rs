@@ -8,12 +8,15 @@
 )]
 
 mod architecture;
+mod augment;
 mod cli;
 mod demo;
+mod depth;
 mod formats;
 mod fuse;
 mod generate;
 mod meshes;
+mod pairs;
 mod parity;
 mod render;
 mod report;

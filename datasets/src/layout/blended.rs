@@ -227,7 +227,7 @@ pub fn names_in(folder: &Path) -> Result<Vec<String>> {
 }
 
 /// Whether the name is that of an image that can be read.
-fn is_image(name: &str) -> bool {
+pub fn is_image(name: &str) -> bool {
     let lower = name.to_ascii_lowercase();
     [".jpg", ".jpeg", ".png"]
         .iter()

@@ -113,8 +113,7 @@ fn candidates(path: &Path) -> Result<Vec<(CameraSource, PathBuf)>> {
     if mvsnet::has_cams(path)? {
         found.push((CameraSource::Cams, path.to_path_buf()));
     }
-    let mut places = COLMAP_PLACES.iter().map(|place| path.join(place));
-    if let Some(place) = places.find(|place| colmap_ending(place).is_some()) {
+    if let Some(place) = model_place(path) {
         found.push((CameraSource::Colmap, place));
     }
     let transforms = path.join("transforms.json");
@@ -132,6 +131,12 @@ fn read_cams(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
     mvsnet::read_scene(folder, &options)
 }
 
+/// The place at or under `path` that holds a COLMAP model.
+pub(super) fn model_place(path: &Path) -> Option<PathBuf> {
+    let mut places = COLMAP_PLACES.iter().map(|place| path.join(place));
+    places.find(|place| colmap_ending(place).is_some())
+}
+
 /// `bin` or `txt`, if the folder has a model of that kind.
 fn colmap_ending(folder: &Path) -> Option<&'static str> {
     let has = |name: &str, ending: &str| folder.join(format!("{name}.{ending}")).is_file();
@@ -140,7 +145,29 @@ fn colmap_ending(folder: &Path) -> Option<&'static str> {
         .find(|ending| has("cameras", ending) && has("images", ending))
 }
 
+/// A COLMAP model as it lies in its files, cameras in this crate's convention.
+pub(super) struct Model {
+    cameras: BTreeMap<u32, Camera>,
+    pub(super) images: Vec<ColmapImage>,
+    pub(super) points: Vec<ColmapPoint>,
+    images_path: PathBuf,
+}
+
+impl Model {
+    /// The views in the images' order.
+    pub(super) fn views(&self) -> Result<Vec<View>> {
+        colmap_views(&self.cameras, &self.images, &self.points)
+            .map_err(Error::in_file(&self.images_path))
+    }
+}
+
 fn read_colmap(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
+    let model = read_model(folder, options)?;
+    Scene::new(model.views()?).map_err(|error| Error::layout(&model.images_path, error.to_string()))
+}
+
+/// Reads the model in `folder`; no points where there is no such file.
+pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Model> {
     let binary = colmap_ending(folder) == Some("bin");
     let file = |name: &str| folder.join(format!("{name}.{}", if binary { "bin" } else { "txt" }));
     let (cameras_path, images_path, points_path) =
@@ -158,9 +185,12 @@ fn read_colmap(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
         (true, true) => files::read_with(&points_path, colmap::read_points_binary)?,
         (true, false) => files::read_text_with(&points_path, colmap::read_points_text)?,
     };
-    let cameras = cameras_by_id(&cameras, options).map_err(Error::in_file(&cameras_path))?;
-    let views = colmap_views(&cameras, images, &points).map_err(Error::in_file(&images_path))?;
-    Scene::new(views).map_err(|error| Error::layout(&images_path, error.to_string()))
+    Ok(Model {
+        cameras: cameras_by_id(&cameras, options).map_err(Error::in_file(&cameras_path))?,
+        images,
+        points,
+        images_path,
+    })
 }
 
 fn cameras_by_id(
@@ -191,7 +221,7 @@ fn shifted(camera: &Camera, pixel_centre: PixelCentre) -> Result<Camera> {
 
 fn colmap_views(
     cameras: &BTreeMap<u32, Camera>,
-    images: Vec<ColmapImage>,
+    images: &[ColmapImage],
     points: &[ColmapPoint],
 ) -> Result<Vec<View>, FormatError> {
     if images.is_empty() {
@@ -203,7 +233,7 @@ fn colmap_views(
     let names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
     let ids = number_names(&names);
     let positions: BTreeMap<u64, DVec3> = points.iter().map(|p| (p.id, p.position)).collect();
-    let views = images.into_iter().zip(ids).map(|(image, id)| {
+    let views = images.iter().zip(ids).map(|(image, id)| {
         let place = format!("image {} ({})", image.id, image.name);
         let Some(&camera) = cameras.get(&image.camera) else {
             let problem = format!(
@@ -217,7 +247,7 @@ fn colmap_views(
         let depth_range = range_of(seen.map(|&point| pose.to_cam(point).z));
         Ok(View {
             id,
-            name: image.name,
+            name: image.name.clone(),
             camera,
             pose,
             depth_range,

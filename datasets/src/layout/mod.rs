@@ -9,4 +9,5 @@ pub mod mesh;
 pub mod mesh_out;
 pub mod mvsnet;
 pub mod scratch;
+pub mod sparse;
 pub mod tnt;

@@ -1,0 +1,110 @@
+//! `mvs-eval augment`: training images, changed at random as the BlendedMVS training does.
+
+use super::{Context, OutDir};
+use crate::error::Result;
+use crate::generate::augment::{self, Step};
+use crate::parallel;
+use crate::provenance::Run;
+use mvs_datasets::format::image::{self, JpegOptions};
+use mvs_datasets::layout::{blended, files};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Options of `mvs-eval augment`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AugmentJob {
+    /// A folder of images, or a scene with `blended_images/`.
+    pub images: PathBuf,
+    /// The folder for the changed images, named as the given ones, and `augment.json`.
+    pub out: PathBuf,
+    /// What is drawn follows from this and the view alone.
+    pub seed: u64,
+}
+
+/// What was drawn.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AugmentOutcome {
+    /// The seed.
+    pub seed: u64,
+    /// The images, by file name.
+    pub images: Vec<AugmentedImage>,
+}
+
+/// One image.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AugmentedImage {
+    /// The file's name.
+    pub file: String,
+    /// The number that the draw is for: the name's leading digits (a masked image has its view's
+    /// draw); without such a hash of the name.
+    pub view: u32,
+    /// What was done to it, in order.
+    pub steps: [Step; 3],
+}
+
+/// Changes every image of the folder.
+pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
+    let folder = image_folder(&job.images);
+    let names: Vec<String> = blended::names_in(&folder)?
+        .into_iter()
+        .filter(|name| blended::is_image(name))
+        .collect();
+    if names.is_empty() {
+        let problem = "expected images (.jpg or .png) here or in blended_images/, found none";
+        return Err(mvs_datasets::Error::layout(&job.images, problem).into());
+    }
+    let run = Run::new("augment", job, &[&folder])?;
+    let out = OutDir::create(&job.out, run, context.force)?;
+    context.progress.begin("augmenting", names.len() as u64);
+    let images = parallel::try_map(names.len(), |index| {
+        context.progress.check()?;
+        let done = augment_one(&folder, &names[index], job.seed, &out)?;
+        context.progress.advance(1);
+        Ok(done)
+    })?;
+    let outcome = AugmentOutcome {
+        seed: job.seed,
+        images,
+    };
+    out.write_json("augment.json", &outcome)?;
+    out.finish()?;
+    Ok(outcome)
+}
+
+/// The folder itself, or the scene's folder of images.
+fn image_folder(path: &Path) -> PathBuf {
+    let inside = path.join("blended_images");
+    if inside.is_dir() {
+        inside
+    } else {
+        path.to_path_buf()
+    }
+}
+
+fn augment_one(folder: &Path, name: &str, seed: u64, out: &OutDir) -> Result<AugmentedImage> {
+    let given = files::read_image(&folder.join(name))?;
+    let view = view_of(name);
+    let steps = augment::draw(seed, view);
+    let changed = augment::apply(&given, &steps)?;
+    let is_png = name.to_ascii_lowercase().ends_with(".png");
+    out.write(name, |file| match is_png {
+        true => image::write_png(file, &changed),
+        false => image::write_jpeg(file, &changed, JpegOptions::default()),
+    })?;
+    Ok(AugmentedImage {
+        file: name.to_owned(),
+        view,
+        steps,
+    })
+}
+
+fn view_of(name: &str) -> u32 {
+    let digits = name.find(|c: char| !c.is_ascii_digit());
+    let digits = &name[..digits.unwrap_or(name.len())];
+    digits.parse().unwrap_or_else(|_| {
+        let hash = blake3::hash(name.as_bytes());
+        let [a, b, c, d, ..] = *hash.as_bytes();
+        u32::from_le_bytes([a, b, c, d])
+    })
+}

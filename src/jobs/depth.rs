@@ -1,0 +1,261 @@
+//! `mvs-eval depth`: estimated depth maps against a scene's true ones.
+
+use super::{Context, OutDir};
+use crate::error::{Error, Result};
+use crate::parallel;
+use crate::provenance::Run;
+use crate::report::colormap;
+use crate::score::depth::{
+    DepthMapsOfView, DepthRow, DepthScene, DepthScores, score_scene, score_view,
+};
+use mvs_datasets::format::image;
+use mvs_datasets::layout::blended::BlendedFolder;
+use mvs_datasets::layout::{files, mvsnet};
+use mvs_datasets::scene::{ColorImage, DepthMap, Raster, View};
+use mvs_metrics::depth::{Alignment, DepthErrors, DepthPlanes};
+use serde::{Deserialize, Serialize};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Options of `mvs-eval depth`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DepthJob {
+    /// The scene: `cams/` with depth ranges, `rendered_depth_maps/`.
+    pub truth: PathBuf,
+    /// The folder of estimated depth maps, `<id>.pfm`. Where they are smaller than the truth, that is
+    /// taken at the pixel nearest to each of theirs.
+    pub estimates: PathBuf,
+    /// The folder of confidence maps, `<id>.pfm`, of the estimates' size; larger is surer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub confidence: Option<PathBuf>,
+    /// D: the number of depth intervals in each view's range.
+    pub planes: u32,
+    /// How estimates are brought to the truth's scale, view by view.
+    pub alignment: Alignment,
+    /// The folder for `depth.csv`, `depth.json` and error maps; without it only the answer is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+}
+
+impl Default for DepthJob {
+    fn default() -> Self {
+        Self {
+            truth: PathBuf::new(),
+            estimates: PathBuf::new(),
+            confidence: None,
+            planes: 128,
+            alignment: Alignment::None,
+            out: None,
+        }
+    }
+}
+
+/// What was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DepthOutcome {
+    /// How estimates were aligned.
+    pub alignment: Alignment,
+    /// Depth intervals per view.
+    pub planes: u32,
+    /// The scene's means.
+    pub scene: DepthScene,
+    /// The views with an estimate, by id.
+    pub views: Vec<DepthRow>,
+    /// Ids of the views without one.
+    pub missing: Vec<u32>,
+}
+
+/// Errors of this many intervals and more have the darkest colour in a map.
+const DARKEST: f64 = 3.0;
+/// Pixels whose truth does not count.
+const NOT_COUNTED: [u8; 3] = [64; 3];
+/// Pixels whose truth counts and that have no estimate.
+const NO_ESTIMATE: [u8; 3] = [40, 70, 200];
+
+/// Compares every view's estimate with its truth.
+pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
+    let folder = BlendedFolder::new(&job.truth);
+    let scene = folder.read_scene(None)?;
+    let estimate = |view: &View| job.estimates.join(mvsnet::file_name(view.id, ".pfm"));
+    let (there, missing): (Vec<&View>, Vec<&View>) = scene
+        .views()
+        .iter()
+        .partition(|view| estimate(view).exists());
+    if there.is_empty() {
+        let name = mvsnet::file_name(scene.views().first().map_or(0, |view| view.id), ".pfm");
+        let problem = format!("expected depth maps named like {name}, found none");
+        return Err(Error::invalid(job.estimates.display().to_string(), problem));
+    }
+    if !missing.is_empty() {
+        let message = format!("{} views have no depth map", missing.len());
+        context.warnings.add("missing-depth", message);
+    }
+    let out = job.out.as_deref();
+    let out = out.map(|path| create(job, path, context)).transpose()?;
+    context.progress.begin("comparing", there.len() as u64);
+    let views = parallel::try_map(there.len(), |index| {
+        context.progress.check()?;
+        let row = one_view(job, &folder, there[index], (out.as_ref(), context))?;
+        context.progress.advance(1);
+        Ok(row)
+    })?;
+    let outcome = DepthOutcome {
+        alignment: job.alignment,
+        planes: job.planes,
+        scene: score_scene(&views),
+        views,
+        missing: missing.iter().map(|view| view.id).collect(),
+    };
+    if let Some(out) = out {
+        out.write_json("depth.json", &outcome)?;
+        out.write("depth.csv", |file| write_csv(file, &outcome))?;
+        out.finish()?;
+    }
+    Ok(outcome)
+}
+
+fn create(job: &DepthJob, path: &Path, context: &Context<'_>) -> Result<OutDir> {
+    let truth = ["cams", "rendered_depth_maps"].map(|name| job.truth.join(name));
+    let mut read: Vec<&Path> = truth.iter().map(PathBuf::as_path).collect();
+    read.push(&job.estimates);
+    read.extend(job.confidence.as_deref());
+    OutDir::create(path, Run::new("depth", job, &read)?, context.force)
+}
+
+fn one_view(
+    job: &DepthJob,
+    folder: &BlendedFolder,
+    view: &View,
+    (out, context): (Option<&OutDir>, &Context<'_>),
+) -> Result<DepthRow> {
+    let planes = planes_of(job, folder, view)?;
+    let name = mvsnet::file_name(view.id, ".pfm");
+    let path = job.estimates.join(&name);
+    let (estimate, rejected) = files::read_depth(&path)?;
+    if rejected.total() > 0 {
+        let (path, count) = (path.display(), rejected.total());
+        let message = format!("{path}: {count} NaN, infinite or negative depths count as none");
+        context.warnings.add("bad-depth", message);
+    }
+    let truth = at_size(&folder.read_depth(view.id)?.0, estimate.size(), &path)?;
+    let confidence = match &job.confidence {
+        Some(folder) => Some(read_confidence(&folder.join(&name), estimate.size())?),
+        None => None,
+    };
+    let maps = DepthMapsOfView {
+        truth: truth.values(),
+        estimate: estimate.values(),
+        confidence: confidence.as_ref().map(Raster::values),
+    };
+    let (row, errors) = score_view(view.id, &maps, &planes, job.alignment)?;
+    if row.counted == 0 {
+        let message = format!("view {}: no true depth lies in its range", view.id);
+        context.warnings.add("nothing-counted", message);
+    }
+    if let Some(out) = out {
+        let picture = picture(&truth, &planes, &errors)?;
+        let name = Path::new("errors").join(mvsnet::file_name(view.id, ".png"));
+        out.write(name, |file| image::write_png(file, &picture))?;
+    }
+    Ok(row)
+}
+
+/// The view's sweep, from the range in its `cam.txt`.
+fn planes_of(job: &DepthJob, folder: &BlendedFolder, view: &View) -> Result<DepthPlanes> {
+    let Some(range) = view.depth_range else {
+        let problem = "expected a depth range in its last line, found none: errors in depth \
+                       intervals need one";
+        let cam = folder.cam(view.id).display().to_string();
+        return Err(Error::invalid(cam, problem));
+    };
+    Ok(DepthPlanes::new(range.min(), range.max(), job.planes)?)
+}
+
+/// The truth at the pixels nearest to those of a map of `size`: depth is never interpolated.
+fn at_size(truth: &DepthMap, size: (u32, u32), path: &Path) -> Result<Raster<f32>> {
+    if truth.size() == size {
+        return Ok(truth.raster().clone());
+    }
+    let whole = truth.size();
+    // The smaller map may have lost up to a pixel of its own by rounding.
+    let scale = f64::from(whole.0) / f64::from(size.0);
+    let height = f64::from(whole.1) / scale;
+    if scale < 1.0 || (height - f64::from(size.1)).abs() > 1.0 {
+        let problem = format!(
+            "expected the truth's size {}x{} or the same shape in fewer pixels, found {}x{}",
+            whole.0, whole.1, size.0, size.1
+        );
+        return Err(Error::invalid(path.display().to_string(), problem));
+    }
+    let nearest = |index: u32, length: u32, of: u32| {
+        let at = (u64::from(index) * 2 + 1) * u64::from(of) / (2 * u64::from(length));
+        u32::try_from(at).unwrap_or(u32::MAX).min(of - 1)
+    };
+    let pixels = (0..size.1).flat_map(|row| (0..size.0).map(move |column| (column, row)));
+    let values = pixels.map(|(column, row)| {
+        truth.get(
+            nearest(column, size.0, whole.0),
+            nearest(row, size.1, whole.1),
+        )
+    });
+    Ok(Raster::from_values(size.0, size.1, values.collect())?)
+}
+
+fn read_confidence(path: &Path, size: (u32, u32)) -> Result<Raster<f32>> {
+    let raster = files::read_raster(path)?;
+    if raster.size() != size {
+        let (found, expected) = (raster.size(), size);
+        let problem = format!(
+            "expected the depth map's size {}x{}, found {}x{}",
+            expected.0, expected.1, found.0, found.1
+        );
+        return Err(Error::invalid(path.display().to_string(), problem));
+    }
+    Ok(raster)
+}
+
+/// White over yellow and red to black at three intervals; grey where no truth counts, blue where
+/// there is no estimate for one that does.
+fn picture(truth: &Raster<f32>, planes: &DepthPlanes, errors: &DepthErrors) -> Result<ColorImage> {
+    let mut picture = truth.map(|&depth| {
+        if planes.counts(f64::from(depth)) {
+            NO_ESTIMATE
+        } else {
+            NOT_COUNTED
+        }
+    });
+    for (pixel, error) in errors.in_intervals() {
+        picture.values_mut()[pixel] = colormap::hot_r(error / DARKEST);
+    }
+    Ok(picture)
+}
+
+/// One line per view, then the two means.
+fn write_csv(out: &mut impl Write, outcome: &DepthOutcome) -> std::io::Result<()> {
+    let names = DepthScores::NAMES.join(",");
+    writeln!(out, "view,interval,scale,offset,counted,compared,{names}")?;
+    let values = |scores: &DepthScores| {
+        let text = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+        scores.values().map(text).join(",")
+    };
+    for row in &outcome.views {
+        let (fit, scores) = (row.fit, values(&row.scores));
+        writeln!(
+            out,
+            "{},{},{},{},{},{},{scores}",
+            row.view, row.interval, fit.scale, fit.offset, row.counted, row.compared
+        )?;
+    }
+    let scene = &outcome.scene;
+    writeln!(
+        out,
+        "mean_over_views,,,,,,{}",
+        values(&scene.mean_over_views)
+    )?;
+    writeln!(
+        out,
+        "mean_over_pixels,,,,,,{}",
+        values(&scene.mean_over_pixels)
+    )
+}

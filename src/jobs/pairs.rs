@@ -1,0 +1,151 @@
+//! `mvs-eval pairs`: source views from a sparse model or a mesh, as a `pair.txt`.
+
+use super::cameras::{self, CameraOptions};
+use super::{Context, check_out_file, run_file_beside};
+use crate::error::{Error, Result};
+use crate::generate::{Covisibility, PairOptions, sparse_sources};
+use crate::provenance::Run;
+use crate::render::Renderer;
+use mvs_datasets::format::pair::{self, PairEntry};
+use mvs_datasets::layout::cameras::CamerasOptions;
+use mvs_datasets::layout::mvsnet::PixelCentre;
+use mvs_datasets::layout::sparse::{self, SparseModel};
+use mvs_datasets::layout::{files, mesh};
+use mvs_datasets::scene::{Distortion, SourceScore, View};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Options of `mvs-eval pairs`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PairsJob {
+    /// A COLMAP model with points; with a mesh, cameras of any kind.
+    pub cameras: PathBuf,
+    /// Mesh files: what they hide is not seen. Without, the model's points say who sees what.
+    pub mesh: Vec<PathBuf>,
+    /// The `pair.txt` to write.
+    pub out: PathBuf,
+    /// What the camera files leave open.
+    pub camera: CameraOptions,
+    /// Where the cams put the centre of the top-left pixel.
+    pub pixel_center: PixelCentre,
+    /// How source views are chosen.
+    pub pairs: PairOptions,
+}
+
+/// What was chosen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PairsOutcome {
+    /// The views with their sources, by id.
+    pub views: Vec<ViewSources>,
+    /// Ids of the views that share nothing with another one; they are not in the file.
+    pub alone: Vec<u32>,
+}
+
+/// One view's sources.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ViewSources {
+    /// The view's id in the file.
+    pub id: u32,
+    /// Its image's name, where known.
+    pub name: String,
+    /// (id, score), best first.
+    pub sources: Vec<(u32, f64)>,
+}
+
+/// Chooses source views and writes them.
+pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
+    check_out_file(&job.out, context.force)?;
+    let mut inputs: Vec<&Path> = vec![&job.cameras];
+    inputs.extend(job.mesh.iter().map(PathBuf::as_path));
+    let run = Run::new("pairs", job, &inputs)?;
+    let (views, sources) = if job.mesh.is_empty() {
+        let model = read_model(job, context)?;
+        let sources = sparse_sources(&model.views, (&model.points, &model.seen), &job.pairs)?;
+        (model.views, sources)
+    } else {
+        exact(job, context)?
+    };
+    let outcome = outcome(&views, sources);
+    if outcome.views.is_empty() {
+        let problem = format!(
+            "expected at least two views that see the same surface, found none among {}",
+            views.len()
+        );
+        return Err(Error::invalid(job.cameras.display().to_string(), problem));
+    }
+    if let Some(first) = outcome.alone.first() {
+        let message = format!(
+            "{} views share nothing with another one and are left out, the first is view {first}",
+            outcome.alone.len()
+        );
+        context.warnings.add("view-left-out", message);
+    }
+    let entry = |view: &ViewSources| PairEntry {
+        id: view.id,
+        sources: view
+            .sources
+            .iter()
+            .map(|&(id, score)| SourceScore { id, score })
+            .collect(),
+    };
+    let entries: Vec<PairEntry> = outcome.views.iter().map(entry).collect();
+    files::write_atomically(&job.out, |out| pair::write(out, &entries))?;
+    run.write(&run_file_beside(&job.out))?;
+    Ok(outcome)
+}
+
+fn read_model(job: &PairsJob, context: &Context<'_>) -> Result<SparseModel> {
+    let options = CamerasOptions {
+        pixel_centre: job.pixel_center,
+        ..CamerasOptions::default()
+    };
+    let model = sparse::read_sparse(&job.cameras, &options)?;
+    let has_lens = |view: &&View| view.camera.distortion() != Distortion::None;
+    let lenses = model.views.iter().filter(has_lens).count();
+    if lenses > 0 {
+        let message = format!(
+            "{lenses} views have a lens; source views do not depend on it, but whoever reads them \
+             with cams must undistort the images"
+        );
+        context.warnings.add("lens", message);
+    }
+    Ok(model)
+}
+
+fn exact(job: &PairsJob, context: &Context<'_>) -> Result<(Vec<View>, Vec<Vec<SourceScore>>)> {
+    let options = (job.pixel_center, &job.camera);
+    let scene = cameras::read(&job.cameras, options, None, context)?;
+    let loaded = mesh::read_meshes(&job.mesh)?;
+    for note in &loaded.notes {
+        context.warnings.add("mesh", note.clone());
+    }
+    let renderer = Renderer::new(&loaded.mesh)?;
+    let surface = (&renderer, &loaded.mesh);
+    let views = scene.views().to_vec();
+    let shared = Covisibility::measure(surface, &views, &job.pairs, context.progress)?;
+    let sources = shared.sources(&views, job.pairs.sources);
+    Ok((views, sources))
+}
+
+fn outcome(views: &[View], sources: Vec<Vec<SourceScore>>) -> PairsOutcome {
+    let mut outcome = PairsOutcome {
+        views: Vec::new(),
+        alone: Vec::new(),
+    };
+    for (view, sources) in views.iter().zip(sources) {
+        if sources.is_empty() {
+            outcome.alone.push(view.id);
+            continue;
+        }
+        outcome.views.push(ViewSources {
+            id: view.id,
+            name: view.name.clone(),
+            sources: sources
+                .iter()
+                .map(|source| (source.id, source.score))
+                .collect(),
+        });
+    }
+    outcome
+}

@@ -1,0 +1,92 @@
+//! `mvs-eval augment` on files.
+
+use crate::support::{mvs_eval, stderr, text};
+use mvs_datasets::format::image;
+use mvs_datasets::layout::files;
+use mvs_datasets::scene::{ColorImage, Raster};
+use mvs_eval::generate::augment;
+use std::fs;
+use std::path::Path;
+
+fn picture() -> ColorImage {
+    let level = |index: u32| [(index * 7 % 256) as u8, (index * 3 % 256) as u8, 90];
+    Raster::from_values(40, 30, (0..1200).map(level).collect()).unwrap()
+}
+
+fn augmented(images: &Path, seed: &str, out: &Path) -> std::process::Output {
+    mvs_eval(&[
+        "augment",
+        "--images",
+        text(images),
+        "--seed",
+        seed,
+        "--out",
+        text(out),
+    ])
+}
+
+#[test]
+fn images_are_changed_as_drawn_and_the_draw_is_written_beside_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    let images = scene.join("blended_images");
+    for name in [
+        "00000003.png",
+        "00000012.png",
+        "00000012_masked.png",
+        "statue.png",
+    ] {
+        files::write_atomically(&images.join(name), |out| image::write_png(out, &picture()))
+            .unwrap();
+    }
+    files::write_atomically(&images.join("00000004.jpg"), |out| {
+        image::write_jpeg(out, &picture(), image::JpegOptions::default())
+    })
+    .unwrap();
+    let out = folder.path().join("out");
+    let output = augmented(&scene, "7", &out);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let drawn: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(out.join("augment.json")).unwrap()).unwrap();
+    assert_eq!(
+        (&drawn["seed"], drawn["images"].as_array().unwrap().len()),
+        (&7.into(), 5)
+    );
+    for entry in drawn["images"].as_array().unwrap() {
+        let name = entry["file"].as_str().unwrap();
+        // The file says enough to make the image again.
+        let steps: [augment::Step; 3] = serde_json::from_value(entry["steps"].clone()).unwrap();
+        let found = files::read_image(&out.join(name)).unwrap();
+        if name.ends_with(".png") {
+            assert_eq!(found, augment::apply(&picture(), &steps).unwrap(), "{name}");
+        }
+        let digits = name.split(['.', '_']).next().unwrap();
+        if let Ok(view) = digits.parse::<u32>() {
+            assert_eq!(
+                (entry["view"].as_u64(), steps),
+                (Some(view.into()), augment::draw(7, view))
+            );
+        }
+    }
+    let read = |folder: &Path, name: &str| fs::read(folder.join(name)).unwrap();
+    assert_eq!(
+        read(&out, "00000012.png"),
+        read(&out, "00000012_masked.png")
+    );
+    let (again, other) = (folder.path().join("again"), folder.path().join("other"));
+    augmented(&images, "7", &again);
+    augmented(&images, "8", &other);
+    for name in ["00000003.png", "00000004.jpg", "statue.png"] {
+        assert_eq!(read(&out, name), read(&again, name), "{name}");
+        assert_ne!(read(&out, name), read(&other, name), "{name}");
+    }
+    // Kept without --force; a folder without images is named.
+    assert_eq!(augmented(&scene, "8", &out).status.code(), Some(2));
+    let output = augmented(folder.path(), "7", &folder.path().join("new"));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains("expected images"),
+        "{}",
+        stderr(&output)
+    );
+}

@@ -1,0 +1,195 @@
+//! `mvs-eval depth` on files: values by hand, boundaries, smaller maps, pictures, refusals.
+
+use crate::support::{mvs_eval, stderr, text};
+use mvs_datasets::format::{image, pfm};
+use mvs_datasets::layout::{files, mvsnet};
+use mvs_datasets::scene::Raster;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+/// 4 x 2 pixels; the sweep from 1 to 9 in 8 intervals: Δ = 1, and 2 < truth ≤ 7 counts.
+const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n4 0 2\n0 4 1\n\
+                   0 0 1\n\n1 1 8 9\n";
+
+fn put(folder: &Path, id: u32, (width, height): (u32, u32), values: &[f32]) {
+    let raster = Raster::from_values(width, height, values.to_vec()).unwrap();
+    let path = folder.join(mvsnet::file_name(id, ".pfm"));
+    files::write_atomically(&path, |out| pfm::write_gray(out, &raster)).unwrap();
+}
+
+/// Views 0 and 2 with truth, estimates and confidence, view 5 without an estimate.
+fn scene() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    for id in [0, 2, 5] {
+        let cam = path("cams").join(mvsnet::file_name(id, "_cam.txt"));
+        files::write_atomically(&cam, |out| out.write_all(CAM.as_bytes())).unwrap();
+    }
+    let truth = path("rendered_depth_maps");
+    let size = (4, 2);
+    // The first four count, then two at the sweep's ends that do not, none, and one without estimate.
+    put(&truth, 0, size, &[4.0, 4.0, 4.0, 7.0, 2.0, 8.0, 0.0, 5.0]);
+    put(
+        &path("estimates"),
+        0,
+        size,
+        &[4.0, 5.0, 7.0, 3.0, 9.0, 9.0, 4.0, 0.0],
+    );
+    put(
+        &path("confidence"),
+        0,
+        size,
+        &[1.0, 0.9, 0.8, 0.7, 0.0, 0.0, 0.0, 0.0],
+    );
+    put(&truth, 2, size, &[4.0; 8]);
+    put(&path("estimates"), 2, size, &[6.0; 8]);
+    put(&path("confidence"), 2, size, &[0.5; 8]);
+    put(&truth, 5, size, &[4.0; 8]);
+    folder
+}
+
+fn arguments<'a>(folder: &Path, more: &[&'a str]) -> Vec<String> {
+    let path = |name: &str| text(&folder.join(name)).to_owned();
+    let mut arguments = vec!["depth".to_owned(), "--truth".into(), text(folder).into()];
+    arguments.extend(["--estimates".into(), path("estimates")]);
+    arguments.extend(["--planes".into(), "8".into()]);
+    arguments.extend(more.iter().map(|&argument| argument.to_owned()));
+    arguments
+}
+
+fn run(arguments: &[String]) -> std::process::Output {
+    mvs_eval(&arguments.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+fn answer(arguments: &[String]) -> serde_json::Value {
+    let output = run(arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn values_are_those_computed_by_hand() {
+    let folder = scene();
+    let confidence = folder.path().join("confidence");
+    let out = folder.path().join("out");
+    let more = ["--confidence", text(&confidence), "--out", text(&out)];
+    let found = answer(&arguments(folder.path(), &more));
+    assert_eq!(found["missing"], serde_json::json!([5]));
+    let view = &found["views"][0];
+    // Errors 0, 1, 3, 4 of four estimates for five true depths.
+    let expected = serde_json::json!({
+        "counted": 5, "compared": 4, "interval": 1.0,
+        "epe": 2.0, "absolute": 2.0, "density": 0.8, "inlier_1_03": 0.25,
+        "above_1": 0.5, "at_least_1": 0.75, "above_3": 0.25, "at_least_3": 0.5,
+        "absrel": (1.0 / 4.0 + 3.0 / 4.0 + 4.0 / 7.0) / 4.0, "ause": 0.0,
+    });
+    for (name, value) in expected.as_object().unwrap() {
+        assert_eq!(&view[name], value, "{name}");
+    }
+    let scene = &found["scene"];
+    assert_eq!(scene["mean_over_views"]["epe"], 2.0);
+    assert_eq!(scene["mean_over_views"]["density"], 0.9);
+    assert_eq!(scene["mean_over_pixels"]["density"], 12.0 / 13.0);
+    assert_eq!(scene["mean_over_views"]["above_3"], 0.125);
+    assert_eq!(scene["mean_over_pixels"]["above_3"], 1.0 / 12.0);
+    let csv = fs::read_to_string(out.join("depth.csv")).unwrap();
+    let first: Vec<&str> = csv.lines().nth(1).unwrap().split(',').collect();
+    assert_eq!(first[..8], ["0", "1", "1", "0", "5", "4", "2", "0.5"]);
+    assert!(
+        csv.lines().last().unwrap().starts_with("mean_over_pixels,"),
+        "{csv}"
+    );
+    let picture = fs::read(out.join("errors/00000000.png")).unwrap();
+    let picture = image::read_color(&picture).unwrap();
+    let at = |column, row| picture.get(column, row);
+    assert_eq!(at(0, 0), [255; 3], "no error is white");
+    assert_eq!(at(2, 0), at(3, 0), "three intervals and more look alike");
+    assert!(at(1, 0) != at(0, 0) && at(1, 0) != at(2, 0));
+    assert_eq!([at(0, 1), at(1, 1), at(2, 1)], [[64; 3]; 3], "not counted");
+    assert_eq!(at(3, 1), [40, 70, 200], "no estimate");
+    assert!(out.join("run.toml").exists());
+    // Kept unless it may be replaced; made again from its run.toml.
+    let again = run(&arguments(folder.path(), &more));
+    assert_eq!(again.status.code(), Some(2));
+    let copy = folder.path().join("copy");
+    let replayed = mvs_eval(&["replay", text(&out.join("run.toml")), "--out", text(&copy)]);
+    assert_eq!(replayed.status.code(), Some(0), "{}", stderr(&replayed));
+    for name in ["depth.csv", "depth.json", "errors/00000002.png"] {
+        assert_eq!(
+            fs::read(out.join(name)).unwrap(),
+            fs::read(copy.join(name)).unwrap()
+        );
+    }
+}
+
+#[test]
+fn alignment_is_stated_by_view() {
+    let folder = scene();
+    put(
+        &folder.path().join("estimates"),
+        0,
+        (4, 2),
+        &[2.0, 2.0, 2.0, 3.5, 1.0, 4.0, 0.0, 2.5],
+    );
+    let found = answer(&arguments(folder.path(), &["--alignment", "median-ratio"]));
+    assert_eq!(found["alignment"], "median-ratio");
+    assert_eq!(
+        found["views"][0]["fit"],
+        serde_json::json!({"scale": 2.0, "offset": 0.0})
+    );
+    assert_eq!(found["views"][0]["epe"], 0.0);
+    let found = answer(&arguments(folder.path(), &["--alignment", "least-squares"]));
+    assert_eq!(found["views"][0]["epe"], 0.0);
+    assert_eq!(
+        found["views"][1]["fit"],
+        serde_json::json!({"scale": 1.0, "offset": -2.0})
+    );
+}
+
+#[test]
+fn smaller_estimates_meet_the_truth_at_the_nearest_pixel() {
+    let folder = scene();
+    // Pixel centres 1 and 3 of 4 columns, 1 of 2 rows: the truth's pixels 1 and 3 of row 1.
+    let truth = [3.0, 3.0, 3.0, 3.0, 3.0, 4.0, 3.0, 6.0];
+    put(
+        &folder.path().join("rendered_depth_maps"),
+        0,
+        (4, 2),
+        &truth,
+    );
+    put(&folder.path().join("estimates"), 0, (2, 1), &[4.0, 6.5]);
+    let found = answer(&arguments(folder.path(), &[]));
+    assert_eq!(found["views"][0]["epe"], 0.25);
+    put(&folder.path().join("estimates"), 0, (3, 3), &[4.0; 9]);
+    let output = run(&arguments(folder.path(), &[]));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains("expected the truth's size 4x2"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn what_cannot_be_compared_is_named() {
+    let folder = scene();
+    let refused = |arguments: &[String], part: &str| {
+        let output = run(arguments);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains(part), "{}", stderr(&output));
+    };
+    let mut other = arguments(folder.path(), &[]);
+    other[4] = text(&folder.path().join("nowhere")).into();
+    refused(&other, "expected depth maps named like 00000000.pfm");
+    let cams = folder.path().join("cams");
+    refused(
+        &arguments(folder.path(), &["--confidence", text(&cams)]),
+        "00000000.pfm",
+    );
+    refused(
+        &arguments(folder.path(), &["--alignment", "affine"]),
+        "affine",
+    );
+    refused(&arguments(folder.path(), &["--planes", "2"]), "planes");
+}

@@ -1,0 +1,166 @@
+//! `mvs-eval pairs`: source views from a COLMAP model, against `tests/reference/pairs_colmap.py`.
+
+use crate::support::{mvs_eval, stderr, text};
+use mvs_datasets::format::colmap;
+use mvs_datasets::format::pair;
+use mvs_datasets::layout::files;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+fn golden() -> Value {
+    serde_json::from_str(include_str!("../reference/pairs_colmap.json")).unwrap()
+}
+
+fn model_text(folder: &Path) {
+    for (name, content) in golden()["files"].as_object().unwrap() {
+        let content = content.as_str().unwrap();
+        files::write_atomically(&folder.join(name), |out| out.write_all(content.as_bytes()))
+            .unwrap();
+    }
+}
+
+/// The same model in COLMAP's binary layout.
+fn model_binary(folder: &Path) {
+    let golden = golden();
+    let file = |name: &str| golden["files"][name].as_str().unwrap().to_owned();
+    let count = |count: usize| (count as u64).to_le_bytes().to_vec();
+    let cameras = colmap::read_cameras_text(&file("cameras.txt")).unwrap();
+    let mut bytes = count(cameras.len());
+    for camera in &cameras {
+        let model: i32 = if camera.model == "PINHOLE" { 1 } else { 2 };
+        bytes.extend(camera.id.to_le_bytes());
+        bytes.extend(model.to_le_bytes());
+        bytes.extend(u64::from(camera.width).to_le_bytes());
+        bytes.extend(u64::from(camera.height).to_le_bytes());
+        bytes.extend(camera.params.iter().flat_map(|value| value.to_le_bytes()));
+    }
+    fs::write(folder.join("cameras.bin"), &bytes).unwrap();
+    let images = colmap::read_images_text(&file("images.txt")).unwrap();
+    let mut bytes = count(images.len());
+    for image in &images {
+        bytes.extend(image.id.to_le_bytes());
+        let pose = image.rotation.iter().chain(image.translation.as_ref());
+        bytes.extend(pose.flat_map(|value| value.to_le_bytes()));
+        bytes.extend(image.camera.to_le_bytes());
+        bytes.extend(image.name.as_bytes());
+        bytes.push(0);
+        bytes.extend(count(image.points.len()));
+        for point in &image.points {
+            bytes.extend([0; 16]);
+            bytes.extend(point.to_le_bytes());
+        }
+    }
+    fs::write(folder.join("images.bin"), &bytes).unwrap();
+    let points = colmap::read_points_text(&file("points3D.txt")).unwrap();
+    let mut bytes = count(points.len());
+    for point in &points {
+        bytes.extend(point.id.to_le_bytes());
+        bytes.extend(
+            point
+                .position
+                .to_array()
+                .iter()
+                .flat_map(|value| value.to_le_bytes()),
+        );
+        bytes.extend(point.color);
+        bytes.extend([0; 16]);
+    }
+    fs::write(folder.join("points3D.bin"), &bytes).unwrap();
+}
+
+fn read_pairs(path: &Path) -> BTreeMap<u32, Vec<(u32, f64)>> {
+    let entries = pair::read(&files::read_text(path).unwrap()).unwrap();
+    let sources = |entry: &pair::PairEntry| {
+        entry
+            .sources
+            .iter()
+            .map(|source| (source.id, source.score))
+            .collect()
+    };
+    entries
+        .iter()
+        .map(|entry| (entry.id, sources(entry)))
+        .collect()
+}
+
+#[test]
+fn a_sparse_model_gives_the_pairs_of_the_plain_script() {
+    for write in [model_text, model_binary] {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path());
+        let out = folder.path().join("pair.txt");
+        let arguments = [
+            "pairs",
+            "--cameras",
+            text(folder.path()),
+            "--out",
+            text(&out),
+        ];
+        let output = mvs_eval(&arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let said = stderr(&output);
+        assert!(
+            said.contains("[lens]: 2 views") && said.contains("[view-left-out]: 1"),
+            "{said}"
+        );
+        let found = read_pairs(&out);
+        for (id, expected) in golden()["sources"].as_object().unwrap() {
+            let id: u32 = id.parse().unwrap();
+            let expected: Vec<(u32, f64)> = serde_json::from_value(expected.clone()).unwrap();
+            if expected.is_empty() {
+                assert!(!found.contains_key(&id));
+                continue;
+            }
+            let found = &found[&id];
+            assert_eq!(found.len(), expected.len(), "{id}");
+            for (found, expected) in found.iter().zip(&expected) {
+                assert_eq!(found.0, expected.0, "{id}");
+                let off = (found.1 / expected.1 - 1.0).abs();
+                assert!(off < 1e-9, "{id} {found:?} {expected:?}");
+            }
+        }
+        let listed = |id: u32| found.values().flatten().any(|&(source, _)| source == id);
+        assert!(
+            found
+                .iter()
+                .all(|(id, sources)| sources.iter().all(|(source, _)| source != id))
+        );
+        assert!(
+            found.keys().all(|&id| listed(id)),
+            "every reference is a source"
+        );
+        let few = mvs_eval(&[&arguments[..], &["--sources", "2", "--force"]].concat());
+        assert_eq!(few.status.code(), Some(0), "{}", stderr(&few));
+        for (id, sources) in read_pairs(&out) {
+            assert_eq!(sources[..], found[&id][..sources.len()], "{id}");
+            assert!(sources.len() <= 2);
+        }
+    }
+}
+
+#[test]
+fn models_that_say_nothing_of_points_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    model_text(folder.path());
+    let out = folder.path().join("pair.txt");
+    let refused = |part: &str| {
+        let arguments = [
+            "pairs",
+            "--cameras",
+            text(folder.path()),
+            "--out",
+            text(&out),
+        ];
+        let output = mvs_eval(&arguments);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains(part), "{}", stderr(&output));
+        assert!(!out.exists());
+    };
+    fs::remove_file(folder.path().join("points3D.txt")).unwrap();
+    refused("found 0 points and none seen");
+    fs::remove_file(folder.path().join("images.txt")).unwrap();
+    refused("expected a COLMAP model");
+}
