@@ -2,6 +2,7 @@ use super::common::{Global, Verdict, resolve, with_context};
 use super::output::{answer, pairs, table};
 use clap::Args;
 use mvs_eval::jobs::report::{self, ReportJob, ReportOutcome};
+use mvs_eval::jobs::report_folder;
 use serde::Serialize;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -16,6 +17,9 @@ use std::path::{Path, PathBuf};
 /// columns method, metric, one per scene, Average), lists what does not follow from its own numbers,
 /// and exits with 1 if there is such a slip.
 ///
+/// With --folder, instead, writes the README.md of dated folders of measurements from their run.toml
+/// and CSV files; the keys are described in reports/README.md.
+///
 /// Example: mvs-eval report results --out leaderboards
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct ReportArgs {
@@ -29,13 +33,34 @@ pub(crate) struct ReportArgs {
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["records", "out"])]
     #[serde(skip)]
     check: Option<PathBuf>,
+    /// Write the README.md of folders of measurements instead
+    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["records", "out", "check"])]
+    #[serde(skip)]
+    folder: Vec<PathBuf>,
 }
 
 pub(crate) fn run(args: &ReportArgs, global: &Global) -> anyhow::Result<Verdict> {
+    if !args.folder.is_empty() {
+        return folders(&args.folder, global);
+    }
     match &args.check {
         Some(path) => check(path, global),
         None => execute(&resolve("report", args, global)?, global),
     }
+}
+
+fn folders(paths: &[PathBuf], global: &Global) -> anyhow::Result<Verdict> {
+    for path in paths {
+        report_folder::run(path, global.force)?;
+    }
+    let written: Vec<String> = paths
+        .iter()
+        .map(|path| path.join("README.md").display().to_string())
+        .collect();
+    answer(global.format, &json!({ "written": written }), || {
+        pairs(&[("written", written.join("\n"))])
+    })?;
+    Ok(Verdict::Passed)
 }
 
 fn check(path: &Path, global: &Global) -> anyhow::Result<Verdict> {

@@ -17,6 +17,7 @@ mod out;
 pub mod pairs;
 pub mod render;
 pub mod report;
+pub mod report_folder;
 pub mod score;
 pub mod score_all;
 pub mod verify;

@@ -6,6 +6,7 @@ pub mod colormap;
 pub mod compare;
 pub mod contact_sheet;
 pub mod curve_svg;
+pub mod folder;
 mod font;
 pub mod histogram_svg;
 pub mod html;

@@ -20,6 +20,7 @@ mod pairs;
 mod parity;
 mod render;
 mod report;
+mod report_folders;
 mod score;
 mod support;
 mod synthetic;

@@ -1,0 +1,94 @@
+//! The dated folders under `reports/`: each README is what its record and CSV files make.
+
+use crate::support::{mvs_eval, stderr, text};
+use mvs_datasets::layout::files::write_atomically;
+use mvs_eval::jobs::report_folder::render;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The folders of measurements in `root`.
+fn folders(root: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(root)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let mut folders: Vec<PathBuf> = entries.filter(|path| path.is_dir()).collect();
+    folders.sort();
+    folders
+}
+
+/// What is wrong in the folders of `root`: a README that differs from what its record makes, or none.
+fn differences(root: &Path) -> Vec<String> {
+    let faults = folders(root).into_iter().filter_map(|folder| {
+        let name = folder.display();
+        match (
+            render(&folder),
+            fs::read_to_string(folder.join("README.md")),
+        ) {
+            (Err(error), _) => Some(format!("{name}: {error}")),
+            (_, Err(error)) => Some(format!("{name}/README.md: {error}")),
+            (Ok(made), Ok(found)) if made != found => Some(format!(
+                "{name}/README.md differs from its record: run mvs-eval report --folder {name}"
+            )),
+            _ => None,
+        }
+    });
+    faults.collect()
+}
+
+fn write(path: &Path, content: &str) {
+    write_atomically(path, |out| out.write_all(content.as_bytes())).unwrap();
+}
+
+#[test]
+fn every_readme_under_reports_is_made_from_its_record() {
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/reports"));
+    assert!(!folders(root).is_empty());
+    let faults = differences(root);
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn a_changed_number_a_changed_readme_and_a_lost_file_are_found() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("2026-11-25-test");
+    let record = "title = \"T\"\ndate = \"2026-11-25\"\nrevision = \"r\"\nmachine = \"m\"\n\
+                  command = \"c\"\nsummary = \"s\"\nbias = \"b\"\n[versions]\nrust = \"1.95\"\n\
+                  [[table]]\nfile = \"t.csv\"\ncaption = \"c\"\ndigits = { a = 1 }\n";
+    write(&folder.join("run.toml"), record);
+    write(&folder.join("t.csv"), "a\n0.5\n");
+    let made = mvs_eval(&["report", "--folder", text(&folder)]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    assert_eq!(differences(root.path()), Vec::<String>::new());
+
+    write(&folder.join("t.csv"), "a\n0.75\n");
+    let found = differences(root.path());
+    assert!(
+        found.len() == 1 && found[0].contains("differs from its record"),
+        "{found:?}"
+    );
+    assert!(
+        mvs_eval(&["report", "--folder", text(&folder)])
+            .status
+            .success()
+    );
+    assert_eq!(differences(root.path()), Vec::<String>::new());
+
+    write(&folder.join("README.md"), "by hand\n");
+    assert_eq!(differences(root.path()).len(), 1);
+    let kept = mvs_eval(&["report", "--folder", text(&folder)]);
+    assert_eq!(kept.status.code(), Some(2));
+    assert_eq!(
+        fs::read_to_string(folder.join("README.md")).unwrap(),
+        "by hand\n"
+    );
+
+    fs::remove_file(folder.join("t.csv")).unwrap();
+    let lost = mvs_eval(&["report", "--force", "--folder", text(&folder)]);
+    assert_eq!(lost.status.code(), Some(2));
+    assert!(
+        stderr(&lost).contains("expected the file t.csv beside it"),
+        "{}",
+        stderr(&lost)
+    );
+}
