@@ -12,6 +12,11 @@ pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) ->
     Ok(pool.install(work))
 }
 
+/// How many threads work at a time. Results must not depend on it; memory may.
+pub fn threads() -> usize {
+    rayon::current_num_threads().max(1)
+}
+
 /// `f(0), f(1), … f(count − 1)` in order, computed in parallel.
 pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..count).into_par_iter().map(f).collect()

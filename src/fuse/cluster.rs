@@ -20,7 +20,6 @@ const MAX_PIXELS: usize = 10_000;
 /// A view's maps while they are needed.
 struct Loaded {
     samples: Samples,
-    counts: FuseCounts,
     normals: Option<NormalMap>,
     image: Option<ColorImage>,
     last_used: usize,
@@ -90,7 +89,7 @@ pub(super) fn fuse_clusters(
         inputs.progress.check()?;
         clusters.now = view;
         let (points, counts) = clusters.view(view)?;
-        sink.take(points, &counts)?;
+        sink.take(&points, &counts)?;
         total = total.plus(counts);
         clusters.evict();
         inputs.progress.advance(1);
@@ -101,7 +100,7 @@ pub(super) fn fuse_clusters(
 impl Clusters<'_> {
     /// The clusters that start in `view`.
     fn view(&mut self, view: usize) -> Result<(Points, FuseCounts)> {
-        let mut counts = self.load(view)?.counts;
+        let mut counts = self.load(view)?.samples.left_out();
         let confidences = confidence(self.inputs.maps, view)?;
         let mut points = Points::default();
         let camera = self.inputs.maps.view(view).camera;
@@ -310,7 +309,7 @@ impl Clusters<'_> {
 
     fn read(&self, index: usize) -> Result<Loaded> {
         let maps = self.inputs.maps;
-        let (samples, counts) = prepare(maps, index, self.options, Filters::All)?;
+        let samples = prepare(maps, index, self.options, Filters::All)?;
         let image = if self.columns.has(Columns::COLORS) {
             maps.image(index)?
         } else {
@@ -330,7 +329,6 @@ impl Clusters<'_> {
         }
         Ok(Loaded {
             samples,
-            counts,
             normals,
             image,
             last_used: self.now,

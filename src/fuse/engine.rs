@@ -10,9 +10,9 @@ use super::inputs::{DepthMaps, Scratch, check_size, check_views};
 use super::merrell::render;
 use super::options::{Colors, FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink, Points};
-use super::reference::{Finish, Reference, Region, Source};
+use super::reference::{Finish, Reference, Region, Source, SourceImage};
 use super::rules::Rule;
-use super::samples::{Filters, Samples, Unit, confidence, prepare};
+use super::samples::{Filters, Samples, Unit, confidence, keep_confident, prepare};
 use super::selection::{Confidences, Selection, Witness};
 use crate::error::Result;
 use crate::parallel;
@@ -163,7 +163,8 @@ impl Engine<'_> {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
             reference.needed = 1;
             let bands = self.bands(&reference, |rows| reference.new_depths(rows));
-            let mut stored = Vec::new();
+            let samples = &reference.samples;
+            let mut stored = Vec::with_capacity(samples.width() * samples.height());
             for (band, more) in bands {
                 stored.extend(band);
                 counts = counts.plus(more);
@@ -228,16 +229,29 @@ impl Engine<'_> {
         let columns = columns(self.inputs.maps, self.options);
         let mut cache = Cache::new(self.inputs.memory / 2);
         let mut images = Cache::new(self.inputs.memory / 2);
+        // Bands of rows worked on at a time, and the view's points; memory is used again.
+        let mut bands = vec![Default::default(); 4 * parallel::threads()];
+        let mut points = Points::default();
         self.for_each_view("making points", |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
             let finish = self.finish(&mut reference, columns, &mut images)?;
-            let bands = self.bands(&reference, |rows| reference.points(rows, &finish));
-            let mut points = Points::default();
-            for (band, more) in bands {
-                points.append(band);
-                counts = counts.plus(more);
+            points.clear();
+            let height = reference.samples.height();
+            let batch_rows = bands.len() * BAND_ROWS;
+            for first in (0..height).step_by(batch_rows) {
+                parallel::for_each_chunk(&mut bands, 1, |at, band| {
+                    let start = (first + at * BAND_ROWS).min(height);
+                    let rows = start..(start + BAND_ROWS).min(height);
+                    for (points, counts) in band {
+                        *counts = reference.points(rows.clone(), &finish, points);
+                    }
+                });
+                for (band, more) in &mut bands {
+                    points.append(band);
+                    counts = counts.plus(*more);
+                }
             }
-            sink.take(points, &counts)?;
+            sink.take(&points, &counts)?;
             Ok(counts)
         })
     }
@@ -282,22 +296,27 @@ impl Engine<'_> {
         let view = maps.view(index);
         let listed = maps.sources(index);
         let used = &listed[..self.options.sources_used(listed.len())];
-        let samples = cache.get(used, |source| {
-            let samples = self.source_samples(source, from)?;
+        let mut wanted = used.to_vec();
+        wanted.push(index);
+        let mut samples = cache.get(&wanted, |source| {
+            let samples = self.samples(source, from)?;
             let bytes = samples.bytes();
             Ok((samples, bytes))
         })?;
-        let (own, counts) = match from {
-            Maps::Input(_) => prepare(maps, index, self.options, Filters::All)?,
-            Maps::Pass(_) => (self.source_samples(index, from)?, FuseCounts::default()),
-        };
+        let mut own = samples.split_off(used.len()).remove(0);
+        if from == Maps::Input(Filters::Depth) {
+            // References go through all filters.
+            let all = Samples::clone(&own);
+            own = Arc::new(keep_confident(all, maps, index, self.options)?);
+        }
+        let counts = own.left_out();
         let source = |(&number, samples)| {
             Source::new(view, (number, maps.view(number)), samples, self.options)
         };
         let reference = Reference {
             number: index,
             view,
-            samples: Arc::new(own),
+            samples: own,
             sources: used.iter().zip(samples).map(source).collect(),
             options: self.options,
             rule,
@@ -306,10 +325,10 @@ impl Engine<'_> {
         Ok((reference, counts))
     }
 
-    fn source_samples(&self, index: usize, from: Maps) -> Result<Samples> {
+    fn samples(&self, index: usize, from: Maps) -> Result<Samples> {
         let pass = match from {
             Maps::Input(filters) => {
-                return Ok(prepare(self.inputs.maps, index, self.options, filters)?.0);
+                return prepare(self.inputs.maps, index, self.options, filters);
             }
             Maps::Pass(pass) => pass,
         };
@@ -337,7 +356,7 @@ impl Engine<'_> {
             let mut found = images.get(&wanted, |at| self.image(at))?.into_iter();
             image = found.next();
             for (source, image) in reference.sources.iter_mut().zip(found) {
-                source.image = Some(image);
+                source.image = Some(SourceImage::new(image, &source.samples));
             }
         }
         let normals = maps
@@ -378,288 +397,4 @@ impl Engine<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fuse::testing::{Plane, arc, spoil};
-    use crate::fuse::{Estimate, MEMORY, MemoryScratch, Sampling, fuse, oracle};
-    use crate::progress::Silent;
-    use glam::{DVec2, DVec3};
-    use mvs_datasets::scene::View;
-
-    fn plane() -> Plane {
-        Plane {
-            normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
-            offset: 0.1,
-        }
-    }
-
-    fn noisy(views: usize, size: (u32, u32)) -> Vec<Estimate> {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
-        let mut estimates = arc(views, size, DVec3::ZERO, surface);
-        for (index, estimate) in estimates.iter_mut().enumerate() {
-            spoil(estimate, index as u64, 1e-3, 0.03, 12);
-        }
-        estimates
-    }
-
-    fn off(points: &[DVec3]) -> Vec<f64> {
-        let error = |p: &DVec3| (plane().normal.dot(*p) - plane().offset).abs();
-        let mut errors: Vec<f64> = points.iter().map(error).collect();
-        errors.sort_by(f64::total_cmp);
-        errors
-    }
-
-    #[test]
-    fn geo_equals_the_pixel_by_pixel_oracle() {
-        let estimates = noisy(6, (160, 120));
-        let options = FuseOptions::of(FuseMode::Geo);
-        let fused = fuse(&estimates, &options, &Silent).unwrap();
-        let mut expected = Vec::new();
-        for index in 0..estimates.len() {
-            let reference = oracle::Reference::new(&estimates, index, &options);
-            expected.extend(reference.fuse_rows(0..120).points);
-        }
-        // A handful of pixels stands so near to a bound that f32 decides otherwise.
-        let (found, wanted) = (fused.cloud.len(), expected.len());
-        assert!(
-            found.abs_diff(wanted) <= 6 * 160 * 120 / 20_000,
-            "{found} {wanted}"
-        );
-        assert!(wanted > 6 * 160 * 120 / 2);
-        let mut cursor = 0;
-        let mut unmatched = 0;
-        for point in &expected {
-            let near = fused.cloud.positions()[cursor..]
-                .iter()
-                .take(4)
-                .position(|p| (*p - point.position).length() < 4e-6);
-            match near {
-                Some(skipped) => cursor += skipped + 1,
-                None => unmatched += 1,
-            }
-        }
-        assert!(unmatched <= 6 * 160 * 120 / 20_000, "{unmatched}");
-    }
-
-    #[test]
-    fn hkust_is_exact_on_a_noise_free_plane_up_to_the_borders() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
-        let estimates = arc(5, (64, 48), DVec3::ZERO, surface);
-        let fused = fuse(&estimates, &FuseOptions::default(), &Silent).unwrap();
-        assert!(
-            fused.counts.fused > fused.counts.pixels * 3 / 4,
-            "{:?}",
-            fused.counts
-        );
-        // Within a pixel of a map's border samples are extrapolated by up to half a pixel.
-        let at_border = |view: &View, position: DVec3| {
-            let pixel = view.camera.project(view.pose.to_cam(position)).unwrap();
-            let margin = pixel.min(DVec2::new(64.0, 48.0) - pixel).min_element();
-            margin.abs() < 1.5
-        };
-        let inside = |position: &&DVec3| !estimates.iter().any(|e| at_border(&e.view, **position));
-        let inside: Vec<DVec3> = fused
-            .cloud
-            .positions()
-            .iter()
-            .filter(inside)
-            .copied()
-            .collect();
-        assert!(inside.len() > fused.cloud.len() / 2);
-        let worst = off(&inside).pop().unwrap();
-        assert!(worst < 1e-6 * 3.5, "{worst:e}");
-        let turned = |n: &glam::Vec3| (n.as_dvec3() - plane().normal).length();
-        let mut turned: Vec<f64> = fused.cloud.normals().unwrap().iter().map(turned).collect();
-        turned.sort_by(f64::total_cmp);
-        assert!(
-            turned[turned.len() / 2] < 1e-4,
-            "{:e}",
-            turned[turned.len() / 2]
-        );
-    }
-
-    #[test]
-    fn valid_sampling_keeps_what_plain_sampling_loses_at_holes() {
-        let estimates = noisy(7, (160, 120));
-        let with = |sampling| {
-            let options = FuseOptions {
-                sampling,
-                min_sources: 5,
-                soften: false,
-                ..FuseOptions::default()
-            };
-            fuse(&estimates, &options, &Silent).unwrap()
-        };
-        let (valid, plain) = (with(Sampling::Valid), with(Sampling::Plain));
-        let kept = |fused: &crate::fuse::Fused| fused.counts.fused;
-        assert!(
-            kept(&valid) > kept(&plain) * 6 / 5,
-            "{} {}",
-            kept(&valid),
-            kept(&plain)
-        );
-        let median = |points: &[DVec3]| off(points)[points.len() / 2];
-        let (of_valid, of_plain) = (
-            median(valid.cloud.positions()),
-            median(plain.cloud.positions()),
-        );
-        assert!(of_valid < 1.1 * of_plain, "{of_valid:e} {of_plain:e}");
-        // Far below the noise of one map: 1e-3 of about 4 units, median of a Gaussian 0.67 of that.
-        assert!(of_valid < 0.5 * 0.67 * 4e-3, "{of_valid:e}");
-    }
-
-    #[test]
-    fn every_pixel_is_accounted_for_in_every_mode() {
-        let mut estimates = noisy(5, (64, 48));
-        for estimate in &mut estimates {
-            let mut confidence = vec![1.0; 64 * 48];
-            confidence[..500].fill(0.2);
-            estimate.confidence =
-                Some(mvs_datasets::scene::Raster::from_values(64, 48, confidence).unwrap());
-        }
-        for mode in [
-            FuseMode::Hkust,
-            FuseMode::Geo,
-            FuseMode::Dynamic,
-            FuseMode::Gipuma,
-            FuseMode::Cluster,
-        ] {
-            let options = FuseOptions {
-                bounds: Some([[-0.5; 3], [0.5; 3]]),
-                max_depth: 4.4,
-                ..FuseOptions::of(mode)
-            };
-            let counts = fuse(&estimates, &options, &Silent).unwrap().counts;
-            assert_eq!(counts.pixels, 5 * 64 * 48, "{mode:?}");
-            assert_eq!(counts.accounted(), counts.pixels, "{mode:?} {counts:?}");
-            assert!(
-                counts.fused > 100 && counts.outside > 0,
-                "{mode:?} {counts:?}"
-            );
-            assert!(
-                counts.unconfident > 0 && counts.out_of_range > 0,
-                "{mode:?} {counts:?}"
-            );
-        }
-    }
-
-    #[test]
-    fn merrells_rules_fill_holes_and_stay_on_the_surface() {
-        let estimates = noisy(7, (160, 120));
-        let with = |visibility| {
-            let options = FuseOptions {
-                visibility,
-                ..FuseOptions::default()
-            };
-            fuse(&estimates, &options, &Silent).unwrap()
-        };
-        let median = with(Visibility::Median);
-        let middle = |points: &[DVec3]| off(points)[points.len() / 2];
-        for visibility in [Visibility::MerrellConfidence, Visibility::MerrellStability] {
-            let fused = with(visibility);
-            assert!(
-                fused.counts.filled > 300,
-                "{visibility:?} {:?}",
-                fused.counts
-            );
-            assert_eq!(
-                fused.counts.accounted(),
-                fused.counts.pixels,
-                "{visibility:?}"
-            );
-            // The nearest stable depth may be one in front of the surface, which is filtered later.
-            let least = match visibility {
-                Visibility::MerrellConfidence => median.counts.fused,
-                _ => median.counts.fused * 9 / 10,
-            };
-            assert!(
-                fused.counts.fused > least,
-                "{visibility:?} {:?}",
-                fused.counts
-            );
-            let (error, bound) = (
-                middle(fused.cloud.positions()),
-                2.0 * middle(median.cloud.positions()),
-            );
-            assert!(error < bound, "{visibility:?} {error:e} {bound:e}");
-        }
-    }
-
-    #[test]
-    fn clusters_merge_what_views_share() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
-        let estimates = arc(6, (64, 48), DVec3::ZERO, surface);
-        let fused = fuse(&estimates, &FuseOptions::of(FuseMode::Cluster), &Silent).unwrap();
-        let counts = fused.counts;
-        assert_eq!(counts.accounted(), counts.pixels);
-        // Two pixels of tolerance let neighbours join: about 4 × 4 pixels of one view's size become
-        // a point, from all six views.
-        assert!(
-            counts.fused > 500 && counts.merged > 10 * counts.fused,
-            "{counts:?}"
-        );
-        // Medians by component of points up to two pixels of 0.05 units apart.
-        let middle = off(fused.cloud.positions())[fused.cloud.len() / 2];
-        assert!(middle < 0.1 * 0.05, "{middle:e}");
-        assert!(
-            fused
-                .cloud
-                .view_counts()
-                .unwrap()
-                .iter()
-                .all(|&views| views <= 6)
-        );
-    }
-
-    #[test]
-    fn the_same_points_under_any_budget_of_memory_and_number_of_threads() {
-        let estimates = noisy(5, (64, 50));
-        let with = |memory, threads| {
-            let mut points = Points::default();
-            let inputs = FuseInputs {
-                maps: &estimates.as_slice(),
-                region: None,
-                scratch: &MemoryScratch::default(),
-                memory,
-                progress: &Silent,
-                warnings: &Warnings::default(),
-            };
-            let options = FuseOptions::default();
-            let counts = parallel::with_threads(threads, || {
-                let mut sink = Points::default();
-                let counts = fuse_maps(&inputs, &options, &mut sink).unwrap();
-                (counts, sink)
-            });
-            let (counts, found) = counts.unwrap();
-            points.append(found);
-            (counts, points)
-        };
-        let reference = with(MEMORY, 1);
-        assert!(!reference.1.is_empty());
-        assert_eq!(reference, with(MEMORY, 8));
-        assert_eq!(reference, with(0, 2));
-    }
-
-    #[test]
-    fn views_without_enough_sources_are_warned_of() {
-        let mut estimates = noisy(4, (32, 24));
-        estimates[2].sources.clear();
-        let warnings = Warnings::default();
-        let inputs = FuseInputs {
-            maps: &estimates.as_slice(),
-            region: None,
-            scratch: &MemoryScratch::default(),
-            memory: MEMORY,
-            progress: &Silent,
-            warnings: &warnings,
-        };
-        fuse_maps(&inputs, &FuseOptions::default(), &mut Points::default()).unwrap();
-        let found = warnings.sorted();
-        assert_eq!(found.len(), 1);
-        assert!(
-            found[0].message.starts_with("1 of 4 views"),
-            "{}",
-            found[0].message
-        );
-    }
-}
+mod tests;

@@ -1,14 +1,14 @@
 //! The inner loop: a block of reference pixels against one source.
 //!
 //! Plain loops over fixed arrays, which the compiler turns into vector instructions; `pulp` picks
-//! the widest set the machine has at run time. No operation is reordered or fused, so every set
-//! gives the same bits. Positions are computed in f64 (a pixel is found to 1e-10), ratios of depths
+//! the widest set the machine has at run time. Everything below is inlined into the function that
+//! `pulp` compiles for each set (a closure would not be: [`super::rules`] hands it a struct). No
+//! operation is reordered or fused, so every set gives the same bits. Positions are computed in f64 (a pixel is found to 1e-10), ratios of depths
 //! in f32 (6e-8), and depths only ever as `reference + small difference`.
 
 use super::geometry::PairGeometry;
 use super::samples::{Samples, Unit};
 use mvs_datasets::scene::View;
-use pulp::Arch;
 
 /// Pixels per block: what ten sources say about one stays in the first-level cache.
 pub(super) const BLOCK: usize = 64;
@@ -55,7 +55,7 @@ impl Block {
 }
 
 /// What one source says about a block.
-#[derive(Clone)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Seen {
     /// Where the hypothesis projects to, in the source's continuous image coordinates shifted by
     /// half a pixel (so that whole numbers are pixel centres of the bordered map).
@@ -91,6 +91,16 @@ impl Seen {
             agrees: [0; BLOCK],
         }
     }
+
+    /// Says that nothing projects into the map; the positions stay.
+    #[inline(always)]
+    fn nothing(&mut self) {
+        self.ratio = [0.0; BLOCK];
+        self.near = [0.0; BLOCK];
+        self.delta = [0.0; BLOCK];
+        self.pixel2 = [f32::INFINITY; BLOCK];
+        self.relative = [f32::INFINITY; BLOCK];
+    }
 }
 
 /// How the four pixels around a position are combined.
@@ -115,11 +125,25 @@ pub(super) struct Pair {
 }
 
 /// Working arrays between the steps.
-struct Footprint {
+pub(super) struct Footprint {
     index: [u32; BLOCK],
     fx: [f32; BLOCK],
     fy: [f32; BLOCK],
-    taps: [[f32; BLOCK]; 4],
+    /// Left and right of the upper pixels, and of the lower ones.
+    top: [[f32; 2]; BLOCK],
+    bottom: [[f32; 2]; BLOCK],
+}
+
+impl Footprint {
+    pub(super) fn new() -> Self {
+        Self {
+            index: [0; BLOCK],
+            fx: [0.0; BLOCK],
+            fy: [0.0; BLOCK],
+            top: [[0.0; 2]; BLOCK],
+            bottom: [[0.0; 2]; BLOCK],
+        }
+    }
 }
 
 impl Pair {
@@ -142,25 +166,25 @@ impl Pair {
         }
     }
 
-    /// Fills `seen` for the whole block.
-    pub(super) fn look(&self, block: &Block, source: &Samples, taps: Taps, seen: &mut Seen) {
-        Arch::new().dispatch(|| self.look_inline(block, source, taps, seen));
-    }
-
+    /// Fills `seen`, but for who agrees, for the whole block; `footprint` is room to work in.
     #[inline(always)]
-    fn look_inline(&self, block: &Block, source: &Samples, taps: Taps, seen: &mut Seen) {
-        let mut footprint = Footprint {
-            index: [0; BLOCK],
-            fx: [0.0; BLOCK],
-            fy: [0.0; BLOCK],
-            taps: [[0.0; BLOCK]; 4],
-        };
-        self.project(block, source, seen, &mut footprint);
-        gather(source, &mut footprint);
-        nearest(source.unit(), &seen.z, &footprint, &mut seen.near);
+    pub(super) fn look(
+        &self,
+        block: &Block,
+        (source, taps): (&Samples, Taps),
+        footprint: &mut Footprint,
+        seen: &mut Seen,
+    ) {
+        self.project(block, source, seen, footprint);
+        let seen_at_all = seen.z.iter().fold(false, |any, &z| any | (z > 0.0));
+        if !seen_at_all {
+            return seen.nothing();
+        }
+        gather(source, footprint);
+        nearest(source.unit(), &seen.z, footprint, &mut seen.near);
         match taps {
-            Taps::Plain => plain(&seen.z, &footprint, &mut seen.ratio),
-            Taps::Valid(similar) => valid(&footprint, similar, seen),
+            Taps::Plain => plain(&seen.z, footprint, &mut seen.ratio),
+            Taps::Valid(similar) => valid(footprint, similar, seen),
             Taps::Nearest => seen.ratio = seen.near,
         }
         self.errors(block, seen);
@@ -204,7 +228,8 @@ impl Pair {
         for i in 0..BLOCK {
             let (depth, ratio) = (block.depth[i], seen.ratio[i]);
             let sampled = ratio > 0.0;
-            let q = if sampled { (1.0 - ratio) / ratio } else { 0.0 };
+            let q = (1.0 - ratio) / ratio;
+            let q = if sampled { q } else { 0.0 };
             let along = depth - cz;
             let delta = q * along;
             let reprojected = depth + delta;
@@ -246,47 +271,55 @@ fn whole(value: f64) -> u32 {
 
 #[inline(always)]
 fn gather(source: &Samples, footprint: &mut Footprint) {
-    let (values, stride) = (source.values(), source.stride());
-    let [a, b, c, d] = &mut footprint.taps;
+    // Two views of the map, a row apart and of one length: one bound is checked per pixel.
+    let starts = source.values().len() - source.stride();
+    let (above, below) = (
+        &source.values()[..starts],
+        &source.values()[source.stride()..][..starts],
+    );
     for i in 0..BLOCK {
         let start = footprint.index[i] as usize;
-        let window = &values[start..start + stride + 2];
-        a[i] = window[0];
-        b[i] = window[1];
-        c[i] = window[stride];
-        d[i] = window[stride + 1];
+        footprint.top[i] = [above[start], above[start + 1]];
+        footprint.bottom[i] = [below[start], below[start + 1]];
     }
 }
 
 /// Expected depth / depth of the nearest of the four pixels.
 #[inline(always)]
 fn nearest(unit: Unit, z: &[f32; BLOCK], footprint: &Footprint, near: &mut [f32; BLOCK]) {
-    let [a, b, c, d] = &footprint.taps;
     for i in 0..BLOCK {
+        let ([a, b], [c, d]) = (footprint.top[i], footprint.bottom[i]);
         let (right, below) = (footprint.fx[i] >= 0.5, footprint.fy[i] >= 0.5);
-        let top = if right { b[i] } else { a[i] };
-        let bottom = if right { d[i] } else { c[i] };
+        let top = if right { b } else { a };
+        let bottom = if right { d } else { c };
         near[i] = if below { bottom } else { top };
     }
-    for i in 0..BLOCK {
-        near[i] = match unit {
-            Unit::Inverse => near[i] * z[i],
-            Unit::Depth if near[i] > 0.0 => z[i] / near[i],
-            Unit::Depth => 0.0,
-        };
+    match unit {
+        Unit::Inverse => {
+            for i in 0..BLOCK {
+                near[i] *= z[i];
+            }
+        }
+        Unit::Depth => {
+            for i in 0..BLOCK {
+                let ratio = z[i] / near[i];
+                near[i] = if near[i] > 0.0 { ratio } else { 0.0 };
+            }
+        }
     }
 }
 
 /// Expected depth / bilinear depth, pixels without depth as zeros.
 #[inline(always)]
 fn plain(z: &[f32; BLOCK], footprint: &Footprint, ratio: &mut [f32; BLOCK]) {
-    let [a, b, c, d] = &footprint.taps;
     for i in 0..BLOCK {
+        let ([a, b], [c, d]) = (footprint.top[i], footprint.bottom[i]);
         let (fx, fy) = (footprint.fx[i], footprint.fy[i]);
-        let top = a[i] * (1.0 - fx) + b[i] * fx;
-        let bottom = c[i] * (1.0 - fx) + d[i] * fx;
+        let top = a * (1.0 - fx) + b * fx;
+        let bottom = c * (1.0 - fx) + d * fx;
         let depth = top * (1.0 - fy) + bottom * fy;
-        ratio[i] = if depth > 0.0 { z[i] / depth } else { 0.0 };
+        let found = z[i] / depth;
+        ratio[i] = if depth > 0.0 { found } else { 0.0 };
     }
 }
 
@@ -294,18 +327,13 @@ fn plain(z: &[f32; BLOCK], footprint: &Footprint, ratio: &mut [f32; BLOCK]) {
 /// nearest pixel must be among them: half a pixel is the most that is extrapolated.
 #[inline(always)]
 fn valid(footprint: &Footprint, similar: f32, seen: &mut Seen) {
-    let [a, b, c, d] = &footprint.taps;
     for i in 0..BLOCK {
+        let ([a, b], [c, d]) = (footprint.top[i], footprint.bottom[i]);
         let (fx, fy) = (footprint.fx[i], footprint.fy[i]);
         let (gx, gy) = (1.0 - fx, 1.0 - fy);
         let mut weight = 0.0;
         let mut offset = 0.0;
-        for (tap, share) in [
-            (a[i], gx * gy),
-            (b[i], fx * gy),
-            (c[i], gx * fy),
-            (d[i], fx * fy),
-        ] {
+        for (tap, share) in [(a, gx * gy), (b, fx * gy), (c, gx * fy), (d, fx * fy)] {
             // Offsets from 1 are summed, not ratios, so that rounding does not grow.
             let from_one = tap * seen.z[i] - 1.0;
             let share = if from_one.abs() <= similar {
@@ -317,11 +345,8 @@ fn valid(footprint: &Footprint, similar: f32, seen: &mut Seen) {
             offset += share * from_one;
         }
         let nearest_counts = (seen.near[i] - 1.0).abs() <= similar;
-        seen.ratio[i] = if nearest_counts {
-            1.0 + offset / weight
-        } else {
-            0.0
-        };
+        let found = 1.0 + offset / weight;
+        seen.ratio[i] = if nearest_counts { found } else { 0.0 };
     }
 }
 
@@ -408,8 +433,9 @@ mod tests {
             let as_depth = Samples::new(map.size(), Unit::Depth, map.values());
             let as_inverse = Samples::new(map.size(), Unit::Inverse, &inverse);
             let (mut plain, mut valid) = (Seen::new(), Seen::new());
-            pair.look(&block, &as_depth, Taps::Plain, &mut plain);
-            pair.look(&block, &as_inverse, Taps::Valid(0.02), &mut valid);
+            let room = &mut Footprint::new();
+            pair.look(&block, (&as_depth, Taps::Plain), room, &mut plain);
+            pair.look(&block, (&as_inverse, Taps::Valid(0.02)), room, &mut valid);
             for i in 0..BLOCK {
                 let pixel = DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));
                 let depth = f64::from(block.depth[i]);

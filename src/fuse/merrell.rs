@@ -202,15 +202,15 @@ fn covered(at: f64, reach: f64, size: u32) -> std::ops::Range<u32> {
 
 /// The plane of inverse depth through a pixel with the slopes to its neighbours of similar depth.
 fn plane(samples: &Samples, column: usize, row: usize) -> DVec3 {
-    let inverse = |step: (isize, isize)| {
-        let value = samples.bordered(column, row, step);
+    let inverse = |stored: f32| {
         f64::from(if samples.unit() == Unit::Depth {
-            Unit::Inverse.convert(value)
+            Unit::Inverse.convert(stored)
         } else {
-            value
+            stored
         })
     };
-    let middle = inverse((0, 0));
+    let [above, own, below] = samples.around(column, row).map(|row| row.map(inverse));
+    let middle = own[1];
     let slope = |low: f64, high: f64| {
         let similar = |value: f64| (value / middle - 1.0).abs() < 0.02;
         match (similar(low), similar(high)) {
@@ -220,8 +220,8 @@ fn plane(samples: &Samples, column: usize, row: usize) -> DVec3 {
             (false, false) => 0.0,
         }
     };
-    let u = slope(inverse((-1, 0)), inverse((1, 0)));
-    let v = slope(inverse((0, -1)), inverse((0, 1)));
+    let u = slope(own[0], own[2]);
+    let v = slope(above[1], below[1]);
     let at = center(column, row);
     DVec3::new(u, v, middle - u * at.x - v * at.y)
 }

@@ -16,28 +16,20 @@ pub(super) fn from_depth(
     (column, row): (usize, usize),
     similar: f64,
 ) -> Option<Vec3> {
-    let inverse = |step: (isize, isize)| {
-        let value = f64::from(map.bordered(column, row, step));
-        match map.unit() {
-            Unit::Inverse => value,
-            Unit::Depth if value > 0.0 => 1.0 / value,
-            Unit::Depth => 0.0,
-        }
-    };
-    let center = inverse((0, 0));
+    let around = map.around(column, row);
+    let center = f64::from(around[1][1]);
     if center <= 0.0 {
         return None;
     }
-    let mut fit = PlaneFit::default();
-    for dy in -1..=1 {
-        for dx in -1..=1 {
-            let relative = inverse((dx, dy)) / center - 1.0;
-            if relative.abs() <= similar {
-                fit.add(dx, dy, relative);
-            }
-        }
-    }
-    let (slope_u, slope_v, offset) = fit.solve()?;
+    let from_stored = 1.0 / center;
+    let relative = around.map(|row| {
+        row.map(|stored| match map.unit() {
+            Unit::Inverse => f64::from(stored) * from_stored - 1.0,
+            Unit::Depth if stored > 0.0 => center / f64::from(stored) - 1.0,
+            Unit::Depth => -1.0,
+        })
+    });
+    let (slope_u, slope_v, offset) = fit(&relative, similar)?;
     #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^52")]
     let (u, v) = (column as f64 + 0.5, row as f64 + 0.5);
     // Everything is relative to the centre's inverse depth, which only scales the normal.
@@ -50,6 +42,31 @@ pub(super) fn from_depth(
     );
     // n·X = 1 > 0 points away from the camera.
     (-normal).try_normalize().map(|unit| unit.as_vec3())
+}
+
+/// (a, b, c) of the plane a·dx + b·dy + c that fits those of the 3×3 values best that are within
+/// ± `similar`; `None` where they lie on a line.
+fn fit(values: &[[f64; 3]; 3], similar: f64) -> Option<(f64, f64, f64)> {
+    let counts = |value: &f64| value.abs() <= similar;
+    let [above, own, below] = values;
+    if values.as_flattened().iter().all(counts) {
+        // The sums of a whole 3×3 are known: 9 values, no first moments, second moments of 6.
+        let column = |at: usize| above[at] + own[at] + below[at];
+        let row = |row: &[f64; 3]| row[0] + row[1] + row[2];
+        let sum = column(0) + column(1) + column(2);
+        return Some((
+            (column(2) - column(0)) / 6.0,
+            (row(below) - row(above)) / 6.0,
+            sum / 9.0,
+        ));
+    }
+    let mut fit = PlaneFit::default();
+    for (dy, row) in (-1..=1).zip(values) {
+        for (dx, value) in (-1..=1).zip(row).filter(|(_, value)| counts(value)) {
+            fit.add(dx, dy, *value);
+        }
+    }
+    fit.solve()
 }
 
 /// Least squares of value = a·dx + b·dy + c.
@@ -106,6 +123,24 @@ impl PlaneFit {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_whole_window_is_fitted_as_any_other() {
+        let values = [
+            [0.01, -0.02, 0.03],
+            [0.0, 0.005, -0.01],
+            [0.02, 0.015, 0.03],
+        ];
+        let (a, b, c) = fit(&values, 0.05).unwrap();
+        let mut general = PlaneFit::default();
+        for (dy, row) in (-1..=1).zip(values) {
+            (-1..=1)
+                .zip(row)
+                .for_each(|(dx, value)| general.add(dx, dy, value));
+        }
+        let (x, y, z) = general.solve().unwrap();
+        assert!((a - x).abs() < 1e-15 && (b - y).abs() < 1e-15 && (c - z).abs() < 1e-15);
+    }
     use crate::fuse::testing::{Plane, arc};
     use mvs_datasets::scene::View;
 

@@ -67,8 +67,8 @@ impl Points {
         self.positions.is_empty()
     }
 
-    /// Adds `other`'s points.
-    pub fn append(&mut self, mut other: Self) {
+    /// Moves `other`'s points to the end of these; its memory can be used again.
+    pub fn append(&mut self, other: &mut Self) {
         self.positions.append(&mut other.positions);
         self.normals.append(&mut other.normals);
         self.colors.append(&mut other.colors);
@@ -77,6 +77,18 @@ impl Points {
         self.violations.append(&mut other.violations);
         self.scales.append(&mut other.scales);
         self.visible_in.append(&mut other.visible_in);
+    }
+
+    /// Forgets all points and keeps their memory.
+    pub fn clear(&mut self) {
+        self.positions.clear();
+        self.normals.clear();
+        self.colors.clear();
+        self.view_counts.clear();
+        self.confidences.clear();
+        self.violations.clear();
+        self.scales.clear();
+        self.visible_in.clear();
     }
 
     /// As a cloud with the columns that there are.
@@ -98,12 +110,12 @@ impl Points {
 /// Takes points as they are finished: by view, row-major within a view.
 pub trait PointSink {
     /// Takes the points of one view; `counts` says what became of its pixels in the last pass.
-    fn take(&mut self, points: Points, counts: &FuseCounts) -> Result<()>;
+    fn take(&mut self, points: &Points, counts: &FuseCounts) -> Result<()>;
 }
 
 impl PointSink for Points {
-    fn take(&mut self, points: Points, _counts: &FuseCounts) -> Result<()> {
-        self.append(points);
+    fn take(&mut self, points: &Points, _counts: &FuseCounts) -> Result<()> {
+        self.append(&mut points.clone());
         Ok(())
     }
 }

@@ -2,15 +2,18 @@
 //! pass.
 
 use super::counts::FuseCounts;
-use super::kernel::{Block, Pair, Seen};
+use super::kernel::{BLOCK, Block, Pair, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
 use super::points::{Columns, Points};
-use super::rules::{Bounds, Consensus, Rule, disparity_scale, mean_displacement};
+use super::rules::{
+    Against, Bounds, Case, Consensus, Court, Rule, Verdict, disparity_scale, mean_displacement,
+};
 use super::samples::Samples;
 use super::sampling;
 use glam::{DVec2, DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, NormalMap, Raster, View};
+use pulp::Arch;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -23,11 +26,41 @@ pub(super) struct Source {
     pub(super) number: usize,
     pub(super) pair: Pair,
     pub(super) samples: Arc<Samples>,
-    pub(super) image: Option<Arc<ColorImage>>,
+    pub(super) image: Option<SourceImage>,
     /// Centre in the reference's camera frame.
     pub(super) center: DVec3,
     /// See [`disparity_scale`].
     pub(super) disparity: f32,
+}
+
+/// A source's photograph and its pixels per pixel of the depth map.
+pub(super) struct SourceImage {
+    image: Arc<ColorImage>,
+    scale: [f32; 2],
+}
+
+impl SourceImage {
+    #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
+    pub(super) fn new(image: Arc<ColorImage>, samples: &Samples) -> Self {
+        let scale = [
+            image.width() as f32 / samples.width() as f32,
+            image.height() as f32 / samples.height() as f32,
+        ];
+        Self { image, scale }
+    }
+
+    /// The pixel at (`x`, `y`) as [`Seen`] has them, clamped to the image.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positions on an image; `as` saturates"
+    )]
+    fn nearest(&self, x: f32, y: f32) -> [u8; 3] {
+        let along = |at: f32, scale: f32, size: u32| (((at - 0.5) * scale) as u32).min(size - 1);
+        let column = along(x, self.scale[0], self.image.width());
+        let row = along(y, self.scale[1], self.image.height());
+        self.image.get(column, row)
+    }
 }
 
 impl Source {
@@ -92,41 +125,63 @@ impl Reference<'_> {
         (stored, counts)
     }
 
-    /// The points of `rows`, and what became of the pixels that had a depth.
-    pub(super) fn points(&self, rows: Range<usize>, finish: &Finish<'_>) -> (Points, FuseCounts) {
-        let mut points = Points::default();
+    /// Puts the points of `rows` into `points`; what became of the pixels that had a depth.
+    pub(super) fn points(
+        &self,
+        rows: Range<usize>,
+        finish: &Finish<'_>,
+        points: &mut Points,
+    ) -> FuseCounts {
+        points.clear();
         let mut counts = FuseCounts::default();
+        let mut kept = Vec::with_capacity(BLOCK);
         self.for_each_block(rows, |block, seen, consensus| {
+            kept.clear();
             for i in 0..block.len {
                 let fate = if !consensus.enough[i] {
                     &mut counts.inconsistent
                 } else if self.options.guard && consensus.violations[i] > consensus.count[i] {
                     &mut counts.contradicted
-                } else if self.add_point(i, (block, seen, consensus), finish, &mut points) {
+                } else if let Some(position) = self.position(i, (block, seen, consensus), finish) {
+                    points.positions.push(position);
+                    kept.push(i);
                     &mut counts.fused
                 } else {
                     &mut counts.outside
                 };
                 *fate += 1;
             }
+            self.describe(&kept, (block, seen, consensus), finish, points);
         });
-        (points, counts)
+        counts
     }
 
     /// Calls `f` with every block of pixels that have a depth, and what the sources say.
     fn for_each_block(&self, rows: Range<usize>, mut f: impl FnMut(&Block, &[Seen], &Consensus)) {
-        let bounds = Bounds::new(self.view, self.options);
-        let disparity: Vec<f32> = self.sources.iter().map(|source| source.disparity).collect();
-        let taps = self.rule.taps(self.options);
-        let mut seen = vec![Seen::new(); self.sources.len()];
-        let mut finish = |block: &mut Block| {
-            for (source, seen) in self.sources.iter().zip(&mut seen) {
-                source.pair.look(block, &source.samples, taps, seen);
+        fn against(source: &Source) -> Against<'_> {
+            Against {
+                pair: &source.pair,
+                samples: &source.samples,
+                disparity: source.disparity,
             }
-            let consensus = self
-                .rule
-                .decide(block, &mut seen, &bounds, self.needed, &disparity);
-            f(block, &seen, &consensus);
+        }
+        let sources: Vec<Against<'_>> = self.sources.iter().map(against).collect();
+        let court = Court {
+            rule: self.rule,
+            taps: self.rule.taps(self.options),
+            bounds: Bounds::new(self.view, self.options),
+            needed: u32::try_from(self.needed).unwrap_or(u32::MAX),
+            sources: &sources,
+        };
+        let mut verdict = Verdict::new(sources.len());
+        let arch = Arch::new();
+        let mut finish = |block: &mut Block| {
+            arch.dispatch(Case {
+                court,
+                block,
+                verdict: &mut verdict,
+            });
+            f(block, &verdict.seen, &verdict.consensus);
             block.len = 0;
         };
         let mut block = Block::new();
@@ -154,59 +209,56 @@ impl Reference<'_> {
         }
     }
 
-    /// Adds the point of entry `i`; false where it lies outside of the region.
-    fn add_point(
+    /// The point of entry `i`; `None` where it lies outside of the region.
+    fn position(
         &self,
         i: usize,
         (block, seen, consensus): (&Block, &[Seen], &Consensus),
         finish: &Finish<'_>,
-        points: &mut Points,
-    ) -> bool {
-        let pixel = DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));
-        let depth = f64::from(block.depth[i]) + f64::from(consensus.delta[i]);
-        let mut in_cam = self.view.camera.ray(pixel) * depth;
+    ) -> Option<DVec3> {
+        let mut in_cam = self.view.camera.ray(center(block, i)) * fused(block, consensus, i);
         if self.rule == Rule::Disparity {
             in_cam += self.displacement(i, in_cam, seen);
         }
         let position = self.view.pose.to_world(in_cam);
-        if finish.region.is_some_and(|wanted| !wanted(position)) {
-            return false;
-        }
-        points.positions.push(position);
-        points.view_counts.push(consensus.count[i] + 1);
-        points.violations.push(consensus.violations[i]);
-        let focal = 0.5 * (self.view.camera.focal().x + self.view.camera.focal().y);
-        #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
-        points.scales.push((depth / focal) as f32);
-        points.visible_in.push(number(self.number));
-        let agreeing = self
-            .agreeing(i, seen)
-            .map(|(source, _)| number(source.number));
-        points.visible_in.extend(agreeing);
-        self.add_columns(i, (block, seen), finish, points);
-        true
+        let wanted = finish.region.is_none_or(|wanted| wanted(position));
+        wanted.then_some(position)
     }
 
-    fn add_columns(
+    /// Adds the other columns of the `kept` entries.
+    fn describe(
         &self,
-        i: usize,
-        (block, seen): (&Block, &[Seen]),
+        kept: &[usize],
+        (block, seen, consensus): (&Block, &[Seen], &Consensus),
         finish: &Finish<'_>,
         points: &mut Points,
     ) {
-        let at = block.pixel[i] as usize;
+        let focal = 0.5 * (self.view.camera.focal().x + self.view.camera.focal().y);
+        for &i in kept {
+            points.view_counts.push(consensus.count[i] + 1);
+            points.violations.push(consensus.violations[i]);
+            #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
+            points
+                .scales
+                .push((fused(block, consensus, i) / focal) as f32);
+            points.visible_in.push(number(self.number));
+            let agreeing = self.agreeing(i, seen);
+            points
+                .visible_in
+                .extend(agreeing.map(|(source, _)| number(source.number)));
+        }
+        let pixels = kept.iter().map(|&i| block.pixel[i] as usize);
         if finish.columns.has(Columns::NORMALS) {
-            points.normals.push(self.normal(at, finish));
+            let normals = pixels.clone().map(|at| self.normal(at, finish));
+            points.normals.extend(normals);
         }
         if finish.columns.has(Columns::COLORS) {
-            points.colors.push(self.color(i, (block, seen), finish));
+            self.add_colors(kept, (block, seen), finish, &mut points.colors);
         }
         if finish.columns.has(Columns::CONFIDENCES) {
-            let confidence = finish
-                .confidence
-                .as_ref()
-                .map_or(1.0, |map| map.values()[at]);
-            points.confidences.push(confidence);
+            let confidence = finish.confidence.as_ref();
+            let of = |at: usize| confidence.map_or(1.0, |map| map.values()[at]);
+            points.confidences.extend(pixels.map(of));
         }
     }
 
@@ -247,42 +299,41 @@ impl Reference<'_> {
         })
     }
 
-    /// The colour of the reference's image, or the mean over all images that agree: the reference's
-    /// bilinear, a source's at its nearest pixel.
-    fn color(&self, i: usize, (block, seen): (&Block, &[Seen]), finish: &Finish<'_>) -> [u8; 3] {
-        let pixel = DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));
-        let own = finish
-            .image
-            .as_ref()
-            .map(|image| sampling::color(image, pixel * self.scale(image)));
-        if self.options.colors == Colors::Reference {
-            return own.unwrap_or([255; 3]);
-        }
-        let mut sum = [0u32; 3];
-        let mut count = 0;
-        let mut add = |color: [u8; 3]| {
-            count += 1;
-            for (sum, value) in sum.iter_mut().zip(color) {
-                *sum += u32::from(value);
-            }
-        };
-        own.into_iter().for_each(&mut add);
-        for (source, seen) in self.agreeing(i, seen) {
-            if let Some(image) = &source.image {
-                add(nearest_color(
-                    image,
-                    &source.samples,
-                    (seen.x[i], seen.y[i]),
-                ));
+    /// The colours of the reference's image, or the means over all images that agree: the
+    /// reference's bilinear, a source's at its nearest pixel. White without an image.
+    fn add_colors(
+        &self,
+        kept: &[usize],
+        (block, seen): (&Block, &[Seen]),
+        finish: &Finish<'_>,
+        colors: &mut Vec<[u8; 3]>,
+    ) {
+        let mut sums = [[0u32; 3]; BLOCK];
+        let mut counts = [0u32; BLOCK];
+        if let Some(image) = &finish.image {
+            let scale = self.scale(image);
+            for &i in kept {
+                let own = sampling::color(image, center(block, i) * scale);
+                sums[i] = own.map(u32::from);
+                counts[i] = 1;
             }
         }
-        sum.map(|sum| {
-            if count == 0 {
-                255
-            } else {
-                rounded_mean(sum, count)
+        // Source by source, so that the fetches from its image do not wait for each other.
+        let all = self.options.colors == Colors::Mean;
+        for (source, seen) in self.sources.iter().zip(seen).filter(|_| all) {
+            let Some(image) = &source.image else { continue };
+            for &i in kept {
+                let color = image.nearest(seen.x[i], seen.y[i]);
+                for (sum, value) in sums[i].iter_mut().zip(color) {
+                    *sum += seen.agrees[i] * u32::from(value);
+                }
+                counts[i] += seen.agrees[i];
             }
-        })
+        }
+        colors.extend(kept.iter().map(|&i| match counts[i] {
+            0 => [255; 3],
+            count => sums[i].map(|sum| rounded_mean(sum, count)),
+        }));
     }
 
     /// Image pixels per depth pixel.
@@ -299,21 +350,14 @@ fn rounded_mean(sum: u32, count: u32) -> u8 {
     u8::try_from((sum + count / 2) / count).unwrap_or(u8::MAX)
 }
 
-/// The pixel of a source's image at (`x`, `y`) as [`Seen`] has them, clamped to the image.
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    clippy::cast_precision_loss,
-    reason = "positions on an image; `as` saturates"
-)]
-fn nearest_color(image: &ColorImage, samples: &Samples, (x, y): (f32, f32)) -> [u8; 3] {
-    let along = |at: f32, map: usize, size: u32| {
-        let scale = size as f32 / map as f32;
-        (((at - 0.5) * scale) as u32).min(size - 1)
-    };
-    let column = along(x, samples.width(), image.width());
-    let row = along(y, samples.height(), image.height());
-    image.get(column, row)
+/// Continuous image coordinates of entry `i`.
+fn center(block: &Block, i: usize) -> DVec2 {
+    DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]))
+}
+
+/// Fused depth of entry `i`.
+fn fused(block: &Block, consensus: &Consensus, i: usize) -> f64 {
+    f64::from(block.depth[i]) + f64::from(consensus.delta[i])
 }
 
 fn number(index: usize) -> u32 {

@@ -1,10 +1,11 @@
 //! When sources agree with a pixel, and the depth that follows from those that do.
 
-use super::kernel::{BLOCK, Block, Seen, Taps};
+use super::kernel::{BLOCK, Block, Footprint, Pair, Seen, Taps};
 use super::options::{FuseMode, FuseOptions, Sampling};
+use super::samples::Samples;
 use glam::DVec3;
 use mvs_datasets::scene::View;
-use pulp::Arch;
+use pulp::{Simd, WithSimd};
 
 /// The bounds of the two-way check for one reference view.
 #[derive(Debug, Clone, Copy)]
@@ -103,53 +104,95 @@ impl Rule {
             (_, Sampling::Valid) => Taps::Valid(options.similar_depth as f32),
         }
     }
+}
 
-    /// Reaches the verdict on `block` from what each source has `seen`; `disparity` is focal length
-    /// times baseline over the bound, per source.
-    pub(super) fn decide(
-        self,
-        block: &Block,
-        seen: &mut [Seen],
-        bounds: &Bounds,
-        needed: usize,
-        disparity: &[f32],
-    ) -> Consensus {
-        let mut consensus = Consensus::new();
-        Arch::new().dispatch(|| {
-            self.judge(seen, bounds, disparity, &mut consensus);
-            match self {
-                Self::Average | Self::Dynamic => mean(seen, &mut consensus),
-                Self::Median | Self::Keep | Self::Disparity => {}
-            }
-        });
-        let needed = u32::try_from(needed).unwrap_or(u32::MAX);
-        for i in 0..BLOCK {
-            consensus.enough[i] = consensus.count[i] >= needed;
+/// A source as the inner loop needs it.
+#[derive(Clone, Copy)]
+pub(super) struct Against<'a> {
+    pub(super) pair: &'a Pair,
+    pub(super) samples: &'a Samples,
+    /// See [`disparity_scale`].
+    pub(super) disparity: f32,
+}
+
+/// What decides, the same for all pixels of a reference view.
+#[derive(Clone, Copy)]
+pub(super) struct Court<'a> {
+    pub(super) rule: Rule,
+    pub(super) taps: Taps,
+    pub(super) bounds: Bounds,
+    /// Sources that must agree.
+    pub(super) needed: u32,
+    pub(super) sources: &'a [Against<'a>],
+}
+
+/// What is written while a block is decided, used again for the next.
+pub(super) struct Verdict {
+    /// What each source says.
+    pub(super) seen: Vec<Seen>,
+    /// Fused depth minus the reference's, by source: room for sorting.
+    sorted: Vec<[f32; BLOCK]>,
+    footprint: Footprint,
+    pub(super) consensus: Consensus,
+}
+
+impl Verdict {
+    pub(super) fn new(sources: usize) -> Self {
+        Self {
+            seen: vec![Seen::new(); sources],
+            sorted: vec![[0.0; BLOCK]; sources + 1],
+            footprint: Footprint::new(),
+            consensus: Consensus::new(),
         }
-        match self {
-            Self::Median => median(block, seen, &mut consensus),
-            Self::Dynamic => dynamic(block, seen, &mut consensus),
-            Self::Average | Self::Keep | Self::Disparity => {}
-        }
-        consensus
     }
+}
 
-    /// Which sources agree, and how many.
+/// A block before the court. `pulp` compiles [`WithSimd::with_simd`], and what is inlined into it,
+/// once per instruction set.
+pub(super) struct Case<'a> {
+    pub(super) court: Court<'a>,
+    pub(super) block: &'a Block,
+    pub(super) verdict: &'a mut Verdict,
+}
+
+impl WithSimd for Case<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn judge(
-        self,
-        seen: &mut [Seen],
-        bounds: &Bounds,
-        disparity: &[f32],
-        consensus: &mut Consensus,
-    ) {
-        for (index, source) in seen.iter_mut().enumerate() {
-            match self {
-                Self::Dynamic => within_widest(source),
-                Self::Disparity => within_disparity(source, disparity[index]),
-                Self::Average | Self::Median | Self::Keep => within_bounds(source, bounds),
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self {
+            court,
+            block,
+            verdict,
+        } = self;
+        let Verdict {
+            seen,
+            sorted,
+            footprint,
+            consensus,
+        } = verdict;
+        *consensus = Consensus::new();
+        for (source, seen) in court.sources.iter().zip(seen.iter_mut()) {
+            let map = (source.samples, court.taps);
+            source.pair.look(block, map, footprint, seen);
+            match court.rule {
+                Rule::Dynamic => within_widest(seen),
+                Rule::Disparity => within_disparity(seen, source.disparity),
+                Rule::Average | Rule::Median | Rule::Keep => within_bounds(seen, &court.bounds),
             }
-            tally(source, bounds, consensus);
+            tally(seen, &court.bounds, consensus);
+        }
+        for i in 0..BLOCK {
+            consensus.enough[i] = consensus.count[i] >= court.needed;
+        }
+        match court.rule {
+            Rule::Average => mean(seen, consensus),
+            Rule::Median => median(seen, sorted, consensus),
+            Rule::Dynamic => {
+                mean(seen, consensus);
+                dynamic(block, seen, consensus);
+            }
+            Rule::Keep | Rule::Disparity => {}
         }
     }
 }
@@ -226,30 +269,45 @@ fn mean(seen: &[Seen], consensus: &mut Consensus) {
     }
 }
 
-fn median(block: &Block, seen: &[Seen], consensus: &mut Consensus) {
-    let mut values = Vec::with_capacity(seen.len() + 1);
-    for i in 0..block.len {
-        values.clear();
-        values.push(0.0);
-        let agreeing = seen.iter().filter(|source| source.agrees[i] == 1);
-        values.extend(agreeing.map(|source| source.delta[i]));
-        consensus.delta[i] = nearer_median(&mut values);
+/// The middle value of the reference's (0) and the agreeing ones, of an even number the smaller
+/// middle one. All pixels are sorted at once by the same comparisons; what does not agree is ∞.
+#[inline(always)]
+fn median(seen: &[Seen], sorted: &mut [[f32; BLOCK]], consensus: &mut Consensus) {
+    sorted[0] = [0.0; BLOCK];
+    for (source, values) in seen.iter().zip(&mut sorted[1..]) {
+        for i in 0..BLOCK {
+            let agrees = source.agrees[i] == 1;
+            values[i] = if agrees {
+                source.delta[i]
+            } else {
+                f32::INFINITY
+            };
+        }
+    }
+    for end in 1..sorted.len() {
+        for at in (0..end).rev() {
+            let (lower, upper) = sorted.split_at_mut(at + 1);
+            exchange(&mut lower[at], &mut upper[0]);
+        }
+    }
+    // Exactly one rank is the middle. (Sums and minima, because conditional stores are slow.)
+    consensus.delta = [0.0; BLOCK];
+    for (rank, values) in (0u32..).zip(sorted.iter()) {
+        for i in 0..BLOCK {
+            let is_middle = consensus.count[i] / 2 == rank;
+            consensus.delta[i] += if is_middle { values[i] } else { 0.0 };
+        }
     }
 }
 
-/// The middle value, of an even number the smaller middle one. At least one value.
-fn nearer_median(values: &mut [f32]) -> f32 {
-    // Insertion sort: a handful of values, mostly in no order.
-    for end in 1..values.len() {
-        let value = values[end];
-        let mut at = end;
-        while at > 0 && values[at - 1] > value {
-            values[at] = values[at - 1];
-            at -= 1;
-        }
-        values[at] = value;
+/// Puts the smaller of each two values into `lower`; none is NaN.
+#[inline(always)]
+fn exchange(lower: &mut [f32; BLOCK], upper: &mut [f32; BLOCK]) {
+    for i in 0..BLOCK {
+        let (a, b) = (lower[i], upper[i]);
+        lower[i] = a.min(b);
+        upper[i] = a.max(b);
     }
-    values[(values.len() - 1) / 2]
 }
 
 /// Focal length times baseline over the bound on disparities, in pixels × world units.
@@ -271,4 +329,146 @@ pub(super) fn mean_displacement(point: DVec3, agreeing: &[(DVec3, f32)]) -> DVec
     #[allow(clippy::cast_precision_loss, reason = "a number of views")]
     let count = (agreeing.len() + 1) as f64;
     sum / count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fuse::Estimate;
+    use crate::fuse::samples::Unit;
+    use crate::fuse::testing::{Plane, arc, spoil};
+    use pulp::Arch;
+
+    /// What every source says, and the consensus, bit by bit.
+    fn bits(verdict: &Verdict) -> Vec<u32> {
+        let Consensus {
+            count,
+            violations,
+            delta,
+            enough,
+        } = &verdict.consensus;
+        let mut bits: Vec<u32> = count.iter().chain(violations).copied().collect();
+        bits.extend(delta.iter().map(|value| value.to_bits()));
+        bits.extend(enough.iter().map(|&enough| u32::from(enough)));
+        for seen in &verdict.seen {
+            let columns = [&seen.x, &seen.y, &seen.z, &seen.ratio, &seen.near];
+            let more = [&seen.delta, &seen.pixel2, &seen.relative];
+            let floats = columns.into_iter().chain(more).flatten();
+            bits.extend(floats.map(|value| value.to_bits()));
+            bits.extend(seen.agrees);
+        }
+        bits
+    }
+
+    fn prepared(
+        (own, source): (&Estimate, &Estimate),
+        unit: Unit,
+        options: &FuseOptions,
+    ) -> (Pair, Samples, f32) {
+        let depths = source.depth.values().iter();
+        let stored: Vec<f32> = depths.map(|&depth| unit.convert(depth)).collect();
+        (
+            Pair::new(&own.view, &source.view),
+            Samples::new(source.depth.size(), unit, &stored),
+            disparity_scale(&own.view, &source.view, options),
+        )
+    }
+
+    /// All pixels of a map that have a depth, in blocks; the last may be short.
+    fn blocks(estimate: &Estimate) -> Vec<Block> {
+        let mut blocks = vec![Block::new()];
+        let (width, height) = estimate.depth.size();
+        for (column, row) in (0..height).flat_map(|row| (0..width).map(move |c| (c, row))) {
+            let depth = estimate.depth.get(column, row);
+            if depth <= 0.0 {
+                continue;
+            }
+            if blocks.last().unwrap().is_full() {
+                blocks.push(Block::new());
+            }
+            let block = blocks.last_mut().unwrap();
+            block.push(row * width + column, column, row, depth);
+        }
+        blocks
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let plane = Plane {
+            normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
+            offset: 0.1,
+        };
+        let surface = |view: &View, pixel| plane.depth(view, pixel);
+        let mut estimates = arc(6, (160, 120), DVec3::ZERO, surface);
+        for (index, estimate) in estimates.iter_mut().enumerate() {
+            spoil(estimate, index as u64, 2e-3, 0.05, 12);
+        }
+        let own = &estimates[0];
+        let mut enough = 0;
+        for (rule, taps, unit) in [
+            (Rule::Median, Taps::Valid(0.02), Unit::Inverse),
+            (Rule::Average, Taps::Plain, Unit::Depth),
+            (Rule::Keep, Taps::Valid(0.02), Unit::Inverse),
+            (Rule::Dynamic, Taps::Plain, Unit::Depth),
+            (Rule::Disparity, Taps::Nearest, Unit::Depth),
+        ] {
+            let options = FuseOptions::default();
+            let others: Vec<(Pair, Samples, f32)> = estimates[1..]
+                .iter()
+                .map(|source| prepared((own, source), unit, &options))
+                .collect();
+            let sources: Vec<Against<'_>> = others
+                .iter()
+                .map(|(pair, samples, disparity)| Against {
+                    pair,
+                    samples,
+                    disparity: *disparity,
+                })
+                .collect();
+            let court = Court {
+                rule,
+                taps,
+                bounds: Bounds::new(&own.view, &options),
+                needed: 2,
+                sources: &sources,
+            };
+            for block in &blocks(own) {
+                let (mut plain, mut wide) = (Verdict::new(5), Verdict::new(5));
+                let case = |verdict| Case {
+                    court,
+                    block,
+                    verdict,
+                };
+                case(&mut plain).with_simd(pulp::Scalar::new());
+                Arch::new().dispatch(case(&mut wide));
+                assert!(bits(&plain) == bits(&wide), "{rule:?}");
+                enough += wide.consensus.enough.iter().filter(|&&e| e).count();
+            }
+        }
+        assert!(enough > 30_000, "{enough}");
+    }
+
+    #[test]
+    fn the_median_is_the_middle_value_and_of_an_even_number_the_smaller_middle_one() {
+        for agreeing in 0..14usize {
+            let mut verdict = Verdict::new(13);
+            let mut wanted = Vec::new();
+            for i in 0..BLOCK {
+                let mut values = vec![0.0f32];
+                for (at, source) in verdict.seen.iter_mut().enumerate() {
+                    // Which agree differs by pixel; what the others say must not matter.
+                    let value = ((at * 37 + i * 101) % 53) as f32 - 26.0;
+                    let agrees = (at + i) % 13 < agreeing;
+                    source.delta[i] = value;
+                    source.agrees[i] = u32::from(agrees);
+                    verdict.consensus.count[i] += u32::from(agrees);
+                    values.extend(agrees.then_some(value));
+                }
+                values.sort_by(f32::total_cmp);
+                wanted.push(values[(values.len() - 1) / 2]);
+            }
+            median(&verdict.seen, &mut verdict.sorted, &mut verdict.consensus);
+            assert_eq!(verdict.consensus.delta.to_vec(), wanted, "{agreeing}");
+        }
+    }
 }

@@ -44,24 +44,36 @@ pub(super) struct Samples {
     unit: Unit,
     /// (width + 2) × (height + 2), row-major.
     values: Vec<f32>,
+    /// What the filters left out of it.
+    left_out: FuseCounts,
 }
 
 impl Samples {
     /// From one stored value per pixel, row-major.
     pub(super) fn new(size: (u32, u32), unit: Unit, stored: &[f32]) -> Self {
-        let (width, height) = (size.0 as usize, size.1 as usize);
-        let stride = width + 2;
-        let mut values = vec![0.0; stride * (height + 2)];
-        for (row, from) in stored.chunks_exact(width).enumerate().take(height) {
-            let start = (row + 1) * stride + 1;
-            values[start..start + width].copy_from_slice(from);
+        let mut samples = Self::empty(size, unit);
+        let rows = stored.chunks_exact(samples.width).enumerate();
+        for (row, from) in rows.take(samples.height) {
+            samples.row_mut(row).copy_from_slice(from);
         }
+        samples
+    }
+
+    /// A map without depths.
+    fn empty((width, height): (u32, u32), unit: Unit) -> Self {
+        let (width, height) = (width as usize, height as usize);
         Self {
             width,
             height,
             unit,
-            values,
+            values: vec![0.0; (width + 2) * (height + 2)],
+            left_out: FuseCounts::default(),
         }
+    }
+
+    /// All pixels, and what the filters left out of them, by reason.
+    pub(super) fn left_out(&self) -> FuseCounts {
+        self.left_out
     }
 
     pub(super) fn width(&self) -> usize {
@@ -92,14 +104,18 @@ impl Samples {
         &self.values[start..start + self.width]
     }
 
-    /// The stored value at a pixel that may be one beyond the map on each side.
-    pub(super) fn bordered(&self, column: usize, row: usize, step: (isize, isize)) -> f32 {
-        let column = (column + 1).saturating_add_signed(step.0);
-        let row = (row + 1).saturating_add_signed(step.1);
-        self.values
-            .get(row * self.stride() + column)
-            .copied()
-            .unwrap_or(0.0)
+    fn row_mut(&mut self, row: usize) -> &mut [f32] {
+        let start = (row + 1) * self.stride() + 1;
+        &mut self.values[start..start + self.width]
+    }
+
+    /// The stored values of the 3×3 pixels around one, rows from the top; 0 beyond the map.
+    pub(super) fn around(&self, column: usize, row: usize) -> [[f32; 3]; 3] {
+        std::array::from_fn(|below| {
+            let start = (row + below) * self.stride() + column;
+            let three = self.values[start..].first_chunk();
+            three.copied().unwrap_or_default()
+        })
     }
 
     /// Bytes held.
@@ -117,13 +133,13 @@ pub(super) enum Filters {
     All,
 }
 
-/// A view's depth map after the filters, and what they left out.
+/// A view's depth map after the filters.
 pub(super) fn prepare(
     maps: &dyn DepthMaps,
     index: usize,
     options: &FuseOptions,
     filters: Filters,
-) -> Result<(Samples, FuseCounts)> {
+) -> Result<Samples> {
     let view = maps.view(index);
     let depth = maps.depth(index)?;
     check_size(view, depth.size(), "depth map")?;
@@ -131,20 +147,49 @@ pub(super) fn prepare(
     if let Some(mask) = &mask {
         check_size(view, mask.size(), "mask")?;
     }
-    let confidence = match filters {
-        Filters::All => confidence(maps, index)?,
-        Filters::Depth => None,
+    let filter = PixelFilter::new(view, options, mask);
+    let mut samples = Samples::empty(depth.size(), Unit::of(options));
+    let mut counts = FuseCounts {
+        pixels: depth.values().len() as u64,
+        ..FuseCounts::default()
     };
-    let filter = PixelFilter::new(view, options, mask, confidence);
-    let unit = Unit::of(options);
-    let mut counts = FuseCounts::default();
-    let stored: Vec<f32> = depth
-        .values()
-        .iter()
-        .enumerate()
-        .map(|(pixel, &value)| filter.keep(pixel, unit, value, &mut counts))
-        .collect();
-    Ok((Samples::new(depth.size(), unit, &stored), counts))
+    let (width, unit) = (samples.width, samples.unit);
+    for (row, from) in depth.values().chunks_exact(width).enumerate() {
+        let pixels = (row * width..).zip(from);
+        for (to, (pixel, &depth)) in samples.row_mut(row).iter_mut().zip(pixels) {
+            *to = filter.keep(pixel, unit, depth, &mut counts);
+        }
+    }
+    samples.left_out = counts;
+    match filters {
+        Filters::All => keep_confident(samples, maps, index, options),
+        Filters::Depth => Ok(samples),
+    }
+}
+
+/// `samples` of the view at `index` through the last filter: without what has too little confidence
+/// or none.
+pub(super) fn keep_confident(
+    mut samples: Samples,
+    maps: &dyn DepthMaps,
+    index: usize,
+    options: &FuseOptions,
+) -> Result<Samples> {
+    let Some(confidence) = confidence(maps, index)? else {
+        return Ok(samples);
+    };
+    let least = threshold(&confidence, options);
+    let mut unconfident = 0;
+    for (row, confidences) in confidence.rows().enumerate() {
+        let row = samples.row_mut(row).iter_mut();
+        for (stored, &confidence) in row.zip(confidences) {
+            let kept = confidence >= least;
+            unconfident += u64::from(*stored > 0.0 && !kept);
+            *stored = if kept { *stored } else { 0.0 };
+        }
+    }
+    samples.left_out.unconfident += unconfident;
+    Ok(samples)
 }
 
 /// A view's confidence, checked.
@@ -158,22 +203,12 @@ pub(super) fn confidence(maps: &dyn DepthMaps, index: usize) -> Result<Option<Ra
 
 struct PixelFilter {
     mask: Option<Mask>,
-    confidence: Option<Raster<f32>>,
-    min_confidence: f32,
     near: f64,
     far: f64,
 }
 
 impl PixelFilter {
-    fn new(
-        view: &View,
-        options: &FuseOptions,
-        mask: Option<Mask>,
-        confidence: Option<Raster<f32>>,
-    ) -> Self {
-        let min_confidence = confidence
-            .as_ref()
-            .map_or(f32::NEG_INFINITY, |map| threshold(map, options));
+    fn new(view: &View, options: &FuseOptions, mask: Option<Mask>) -> Self {
         let mut near = options.min_depth;
         let mut far = if options.max_depth > 0.0 {
             options.max_depth
@@ -184,18 +219,15 @@ impl PixelFilter {
             near = near.max(range.min());
             far = far.min(range.max());
         }
-        Self {
-            mask,
-            confidence,
-            min_confidence,
-            near,
-            far,
-        }
+        Self { mask, near, far }
     }
 
-    /// The stored value, or 0 and a reason counted. Every pixel is counted.
+    /// The stored value, or 0 and a reason counted.
     fn keep(&self, pixel: usize, unit: Unit, depth: f32, counts: &mut FuseCounts) -> f32 {
-        counts.pixels += 1;
+        if depth <= 0.0 {
+            counts.empty += 1;
+            return 0.0;
+        }
         let stored = unit.convert(depth);
         let reason = if stored <= 0.0 {
             &mut counts.empty
@@ -203,18 +235,11 @@ impl PixelFilter {
             &mut counts.masked
         } else if !(self.near..=self.far).contains(&f64::from(depth)) {
             &mut counts.out_of_range
-        } else if !self.is_confident(pixel) {
-            &mut counts.unconfident
         } else {
             return stored;
         };
         *reason += 1;
         0.0
-    }
-
-    fn is_confident(&self, pixel: usize) -> bool {
-        let confidence = self.confidence.as_ref();
-        confidence.is_none_or(|map| map.values()[pixel] >= self.min_confidence)
     }
 }
 
@@ -254,8 +279,8 @@ mod tests {
             [0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         );
         assert_eq!(samples.row(0), [3.0, 4.0]);
-        assert_eq!(samples.bordered(0, 0, (1, 0)), 4.0);
-        assert_eq!(samples.bordered(0, 0, (-1, -1)), 0.0);
+        let [above, own, below] = samples.around(0, 0);
+        assert_eq!((above, own, below), ([0.0; 3], [0.0, 3.0, 4.0], [0.0; 3]));
     }
 
     #[test]

@@ -39,6 +39,9 @@ fn depth_or_zero(map: &DepthMap, column: i64, row: i64) -> f64 {
 pub fn color(image: &ColorImage, pixel: DVec2) -> [u8; 3] {
     let (x0, x1, fx) = taps(pixel.x, image.width());
     let (y0, y1, fy) = taps(pixel.y, image.height());
+    if (fx, fy) == (0.0, 0.0) {
+        return image.get(x0, y0);
+    }
     let [a, b, c, d] = [
         image.get(x0, y0),
         image.get(x1, y0),

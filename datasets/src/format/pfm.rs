@@ -37,11 +37,19 @@ pub fn read(bytes: &[u8]) -> Result<Pfm, FormatError> {
         );
         return Err(FormatError::new("data", problem));
     }
-    let float = if header.big_endian {
-        f32::from_be_bytes
+    if header.big_endian {
+        values(&header, body, f32::from_be_bytes)
     } else {
-        f32::from_le_bytes
-    };
+        values(&header, body, f32::from_le_bytes)
+    }
+}
+
+/// The body's numbers; generic, so that `float` is part of the loop.
+fn values(
+    header: &Header,
+    body: &[u8],
+    float: impl Fn([u8; 4]) -> f32,
+) -> Result<Pfm, FormatError> {
     if header.color {
         let pixel = |at: &[u8; 12]| {
             let mut rgb = [0.0; 3];
@@ -50,9 +58,9 @@ pub fn read(bytes: &[u8]) -> Result<Pfm, FormatError> {
             }
             rgb
         };
-        Ok(Pfm::Color(raster(&header, body, pixel)?))
+        Ok(Pfm::Color(raster(header, body, pixel)?))
     } else {
-        Ok(Pfm::Gray(raster(&header, body, |at: &[u8; 4]| float(*at))?))
+        Ok(Pfm::Gray(raster(header, body, |at: &[u8; 4]| float(*at))?))
     }
 }
 
@@ -69,10 +77,10 @@ fn raster<T, const N: usize>(
     pixel: impl Fn(&[u8; N]) -> T,
 ) -> Result<Raster<T>, FormatError> {
     let row_bytes = (header.width as usize * N).max(1);
-    let values = body
-        .rchunks_exact(row_bytes)
-        .flat_map(|row| row.as_chunks::<N>().0.iter().map(&pixel))
-        .collect();
+    let mut values = Vec::with_capacity(body.len() / N.max(1));
+    for row in body.rchunks_exact(row_bytes) {
+        values.extend(row.as_chunks::<N>().0.iter().map(&pixel));
+    }
     Raster::from_values(header.width, header.height, values).map_err(FormatError::at("header"))
 }
 

@@ -4,6 +4,7 @@ use crate::error::Result;
 use crate::fuse::{Columns, FuseCounts, PointSink, Points};
 use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
 use std::io::{Seek, Write};
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// Writes points as rows of a PLY.
@@ -12,7 +13,12 @@ pub(super) struct PlySink<W> {
     columns: Columns,
     /// For errors.
     path: PathBuf,
+    /// Room for rows.
+    rows: Vec<u8>,
 }
+
+/// How many rows are written at a time.
+const ROWS: usize = 4096;
 
 /// The vertex's properties.
 fn properties(columns: Columns) -> Vec<(&'static str, Scalar)> {
@@ -47,6 +53,7 @@ impl<W: Write + Seek> PlySink<W> {
             writer: StreamWriter::new(out, &properties(columns), comments)?,
             columns,
             path,
+            rows: Vec::new(),
         })
     }
 
@@ -58,9 +65,10 @@ impl<W: Write + Seek> PlySink<W> {
         self.writer.finish()
     }
 
-    fn rows(&self, points: &Points) -> Vec<u8> {
-        let mut rows = Vec::with_capacity(points.len() * 56);
-        for (at, position) in points.positions.iter().enumerate() {
+    /// The rows of the points in `range`.
+    fn fill(&self, points: &Points, range: Range<usize>, rows: &mut Vec<u8>) {
+        for at in range {
+            let position = points.positions[at];
             rows.extend(
                 position
                     .to_array()
@@ -81,13 +89,19 @@ impl<W: Write + Seek> PlySink<W> {
             rows.extend(points.violations[at].to_le_bytes());
             rows.extend(points.scales[at].to_le_bytes());
         }
-        rows
     }
 }
 
 impl<W: Write + Seek> PointSink for PlySink<W> {
-    fn take(&mut self, points: Points, _counts: &FuseCounts) -> Result<()> {
-        let written = self.writer.write(&self.rows(&points));
-        Ok(written.map_err(mvs_datasets::Error::io(&self.path, "write"))?)
+    fn take(&mut self, points: &Points, _counts: &FuseCounts) -> Result<()> {
+        let mut rows = std::mem::take(&mut self.rows);
+        for start in (0..points.len()).step_by(ROWS) {
+            rows.clear();
+            self.fill(points, start..(start + ROWS).min(points.len()), &mut rows);
+            let written = self.writer.write(&rows);
+            written.map_err(mvs_datasets::Error::io(&self.path, "write"))?;
+        }
+        self.rows = rows;
+        Ok(())
     }
 }
