@@ -3,7 +3,7 @@ use crate::fuse::testing::{Plane, arc, spoil};
 use crate::fuse::{Estimate, MEMORY, MemoryScratch, Sampling, fuse, oracle};
 use crate::progress::Silent;
 use glam::{DVec2, DVec3};
-use mvs_datasets::scene::View;
+use mvs_datasets::scene::{DepthMap, View};
 
 fn plane() -> Plane {
     Plane {
@@ -280,4 +280,80 @@ fn views_without_enough_sources_are_warned_of() {
         "{}",
         found[0].message
     );
+}
+
+#[test]
+fn the_gate_is_angle_aware() {
+    let wall = Plane {
+        normal: DVec3::Z,
+        offset: 0.0,
+    };
+    // What becomes of the first of eight views 0.12 rad apart, its depths off by `error`, when the
+    // view at `source` judges it.
+    let fused = |source: usize, error: f32, wide_angle: f64| {
+        let mut estimates = arc(8, (160, 120), DVec3::ZERO, |view, pixel| {
+            wall.depth(view, pixel)
+        });
+        estimates.iter_mut().for_each(|e| e.sources.clear());
+        estimates[0].sources = vec![source];
+        let values = estimates[0].depth.values().iter();
+        let values = values.map(|depth| depth * (1.0 + error)).collect();
+        estimates[0].depth = DepthMap::from_values(160, 120, values).unwrap().0;
+        let options = FuseOptions {
+            wide_angle,
+            min_sources: 1,
+            soften: false,
+            ..FuseOptions::of(FuseMode::Geo)
+        };
+        fuse(&estimates, &options, &Silent).unwrap().counts.fused
+    };
+    // 0.8 % of the depth is 192 px · tan(48°) · 0.008 = 1.7 px for the farthest view.
+    assert_eq!(fused(7, 0.008, 0.0), 0);
+    assert!(fused(7, 0.008, 20.0) > 160 * 120 / 3);
+    // For the nearest it is 0.2 px, and beyond 1 % no angle helps.
+    assert!(fused(1, 0.008, 0.0) > 160 * 120 / 2);
+    assert_eq!(fused(7, 0.013, 20.0), 0);
+}
+
+#[test]
+fn points_that_more_views_see_through_than_agree_with_are_left_out() {
+    let (wall, ghost) = (
+        Plane {
+            normal: DVec3::Z,
+            offset: 0.0,
+        },
+        Plane {
+            normal: DVec3::Z,
+            offset: 0.5,
+        },
+    );
+    // Three of seven views have a patch half a unit in front of the wall; four see the wall there.
+    let surface = |view: &View, pixel: DVec2| {
+        let near = ghost.depth(view, pixel);
+        let point = view.pose.to_world(view.camera.ray(pixel) * near);
+        if view.id < 3 && point.truncate().abs().max_element() < 0.3 {
+            near
+        } else {
+            wall.depth(view, pixel)
+        }
+    };
+    let estimates = arc(7, (160, 120), DVec3::ZERO, surface);
+    let with = |guard| {
+        let options = FuseOptions {
+            guard,
+            min_sources: 2,
+            ..FuseOptions::of(FuseMode::Geo)
+        };
+        let fused = fuse(&estimates, &options, &Silent).unwrap();
+        let ghosts = fused.cloud.positions().iter().filter(|p| p.z > 0.25);
+        (ghosts.count() as u64, fused.counts.contradicted)
+    };
+    let (ghosts, contradicted) = with(false);
+    assert!(
+        ghosts > 1000 && contradicted == 0,
+        "{ghosts} {contradicted}"
+    );
+    let (left, contradicted) = with(true);
+    assert_eq!(left, 0);
+    assert!(contradicted >= ghosts, "{contradicted} {ghosts}");
 }
