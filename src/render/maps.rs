@@ -146,8 +146,8 @@ impl Row {
     fn fetch(&mut self, ids: &[u32]) {
         for (column, &place) in self.places[..ids.len()].iter().enumerate() {
             let flat = &self.flats[place as usize];
-            for corner in 0..9 {
-                self.corners[corner][column % SIZE] = flat[corner];
+            for (corners, &value) in self.corners.iter_mut().zip(flat) {
+                corners[column % SIZE] = value;
             }
         }
     }
@@ -193,10 +193,10 @@ impl Row {
                 self.depth[column],
                 [self.weights[0][column], self.weights[1][column]],
             );
-            if self.clear[column] < 0.0 {
-                if let Some(crossing) = frame.cross(id as usize, direction) {
-                    (depth, weights) = (crossing.distance, crossing.weights);
-                }
+            if self.clear[column] < 0.0
+                && let Some(crossing) = frame.cross(id as usize, direction)
+            {
+                (depth, weights) = (crossing.distance, crossing.weights);
             }
             let flat = &self.flats[self.places[column] as usize];
             let normal = DVec3::new(flat[9], flat[10], flat[11]);
@@ -250,7 +250,7 @@ impl Fresh {
         }
         for (index, vertices) in vertices[..self.count].iter().enumerate() {
             for (corner, &vertex) in vertices.iter().enumerate() {
-                let position = frame.from_center(vertex);
+                let position = frame.offset_of(vertex);
                 self.corners[3 * corner][index] = position.x;
                 self.corners[3 * corner + 1][index] = position.y;
                 self.corners[3 * corner + 2][index] = position.z;

@@ -51,7 +51,7 @@ impl<'m> Frame<'m> {
 
     /// A vertex, counted from the mesh's centre.
     #[inline]
-    pub(crate) fn from_center(&self, vertex: u32) -> DVec3 {
+    pub(crate) fn offset_of(&self, vertex: u32) -> DVec3 {
         self.mesh.vertices()[vertex as usize] - self.center
     }
 
