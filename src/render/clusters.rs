@@ -68,6 +68,12 @@ impl Clusters {
         Cluster::read(&self.words[index as usize..])
     }
 
+    /// Reads a word of a cluster ahead of its turn, so that it is on its way from memory.
+    #[inline(always)]
+    pub(crate) fn touch(&self, index: u32) {
+        std::hint::black_box(self.words[index as usize]);
+    }
+
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Wide>() + 4 * self.words.len()

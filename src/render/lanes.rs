@@ -53,6 +53,29 @@ pub(crate) fn dispatch<T: Task>(task: T) -> T::Output {
     task.run(Plain)
 }
 
+/// The lanes whose bit is set.
+pub(crate) struct SetBits(pub(crate) u32);
+
+impl Iterator for SetBits {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        if self.0 == 0 {
+            return None;
+        }
+        let lane = self.0.trailing_zeros() as usize;
+        self.0 &= self.0 - 1;
+        Some(lane % LANES)
+    }
+}
+
+/// A whole number between 0 and 2^16: the low bits of its sum with 2^23.
+#[inline(always)]
+pub(crate) fn whole(value: f32) -> usize {
+    ((value + 8_388_608.0).to_bits() & 0xffff) as usize
+}
+
 /// Plain loops, for any machine.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plain;

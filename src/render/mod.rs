@@ -11,6 +11,7 @@ mod clusters;
 mod eye;
 mod lanes;
 mod lens;
+mod maps;
 mod near;
 pub mod oracle;
 mod picture;
@@ -27,7 +28,7 @@ use crate::error::{Error, Result};
 use crate::parallel;
 use clusters::Clusters;
 use glam::{DVec3, Vec3};
-use mvs_datasets::scene::{ColorImage, DepthMap, Mesh, NormalMap, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, Distortion, Mesh, NormalMap, View};
 use rays::Probe;
 use serde::{Deserialize, Serialize};
 use surface::{Facet, Frame};
@@ -90,6 +91,31 @@ pub struct Hit {
     pub distance: f64,
     /// Barycentric weights of the triangle's second and third corner.
     pub weights: [f64; 2],
+}
+
+/// What the centre of a pixel sees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Index of the triangle, [`Seen::NO_TRIANGLE`] where there is none.
+    pub triangle: u32,
+    /// z-depth, 0 for nothing.
+    pub depth: f32,
+    /// Geometric unit normal, camera frame, facing the camera; 0 for nothing.
+    pub normal: [f32; 3],
+    /// Barycentric weights of the triangle's second and third corner.
+    pub weights: [f32; 2],
+}
+
+impl Seen {
+    /// Stands for no triangle.
+    pub const NO_TRIANGLE: u32 = u32::MAX;
+    /// No surface.
+    pub const NOTHING: Self = Self {
+        triangle: Self::NO_TRIANGLE,
+        depth: 0.0,
+        normal: [0.0; 3],
+        weights: [0.0; 2],
+    };
 }
 
 /// The triangle that a ray sees, and where on it.
@@ -184,6 +210,19 @@ impl<'m> Renderer<'m> {
             directions[first..last].iter().map(hit).collect::<Vec<_>>()
         });
         chunks.into_iter().flatten().collect()
+    }
+
+    /// What the centre of each pixel of `view` sees, row by row, into `pixels`: exact depth, normal
+    /// and place on the triangle, to the bits that [`Self::render`] gives, without its colours. The
+    /// camera must have no lens distortion.
+    pub fn see(&self, view: &View, pixels: &mut Vec<Seen>) -> Result<()> {
+        if view.camera.distortion() != Distortion::None {
+            let problem = "expected a camera without lens distortion for maps of visibility";
+            return Err(Error::invalid(format!("view {}", view.id), problem));
+        }
+        let frame = Frame::new(self.mesh, self.center, view);
+        maps::see(&self.clusters, &frame, pixels);
+        Ok(())
     }
 
     /// How many pixels of `view` see the surface: what visibility alone costs.

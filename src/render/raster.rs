@@ -7,7 +7,7 @@
 )]
 
 use super::cluster::{self, Cluster};
-use super::lanes::{ALL, LANES, Lanes, Task, dispatch};
+use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Lens, PLACES, Place, Projected, ULP};
 use super::near;
 use super::tile::{DOUBT, SIZE, STRIDE, Spot, Tile};
@@ -415,29 +415,6 @@ impl Stored {
 fn weighted<L: Lanes>(l: L, at: [L::V; 3], values: [L::V; 3]) -> L::V {
     let sum = l.mul(at[0], values[0]);
     l.mul_add(at[2], values[2], l.mul_add(at[1], values[1], sum))
-}
-
-/// The lanes whose bit is set.
-struct SetBits(u32);
-
-impl Iterator for SetBits {
-    type Item = usize;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<usize> {
-        if self.0 == 0 {
-            return None;
-        }
-        let lane = self.0.trailing_zeros() as usize;
-        self.0 &= self.0 - 1;
-        Some(lane % LANES)
-    }
-}
-
-/// A whole number between 0 and 2^16: the low bits of its sum with 2^23.
-#[inline(always)]
-fn whole(value: f32) -> usize {
-    ((value + 8_388_608.0).to_bits() & 0xffff) as usize
 }
 
 #[inline(always)]

@@ -1,12 +1,14 @@
 //! Which clusters a tile may see, nearest first, and which of them are hidden already.
 
 use super::clusters::{Child, Clusters, WIDTH, Wide};
+use super::lanes::{LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Lens, Place, Projected};
 use super::raster::Brush;
 use super::tile::{SIZE, Spot, Tile};
 
 /// Rounding of boxes in the camera frame, relative to the coordinates that enter.
 const ROUNDING: f32 = 1e-6;
+const _: () = assert!(WIDTH == LANES);
 
 /// Finds what is visible in a tile of `width` × `height` samples at `place`.
 pub(crate) fn scan(
@@ -18,12 +20,12 @@ pub(crate) fn scan(
     let mut scratch = Projected::new();
     let lens = Lens::new(place);
     let gaze = Gaze::new(place, (width, height));
-    let mut waiting = vec![(Child::Node(0), Box3::EVERYWHERE)];
-    while let Some((child, seen)) = waiting.pop() {
-        if gaze.is_hidden(&mut tile, &seen) {
+    let mut waiting = vec![Waiting::ROOT];
+    while let Some(next) = waiting.pop() {
+        if tile.hides((next.from, next.to), next.nearness) {
             continue;
         }
-        match child {
+        match next.child {
             Child::None => {}
             Child::Cluster(index) => {
                 let mut brush = Brush {
@@ -36,26 +38,39 @@ pub(crate) fn scan(
             }
             Child::Node(index) => {
                 let first = waiting.len();
-                gaze.look_into(&clusters.nodes[index as usize], &mut waiting);
-                let depth = |entry: &(Child, Box3)| entry.1.low[2];
-                waiting[first..].sort_by(|a, b| depth(b).total_cmp(&depth(a)));
+                dispatch(Look(&gaze, &clusters.nodes[index as usize], &mut waiting));
+                for entry in &waiting[first..] {
+                    if let Child::Cluster(index) = entry.child {
+                        clusters.touch(index);
+                    }
+                }
+                waiting[first..].sort_unstable_by(|a, b| b.depth.total_cmp(&a.depth));
             }
         }
     }
     tile
 }
 
-/// A box in the camera frame.
+/// A part of the tree that the tile may see.
 #[derive(Debug, Clone, Copy)]
-struct Box3 {
-    low: [f32; 3],
-    high: [f32; 3],
+struct Waiting {
+    child: Child,
+    /// From where on, in z-depth, it lies.
+    depth: f32,
+    /// The inverse of `depth`; infinite where that is not positive.
+    nearness: f32,
+    /// The samples that it may cover.
+    from: Spot,
+    to: Spot,
 }
 
-impl Box3 {
-    const EVERYWHERE: Self = Self {
-        low: [f32::NEG_INFINITY; 3],
-        high: [f32::INFINITY; 3],
+impl Waiting {
+    const ROOT: Self = Self {
+        child: Child::Node(0),
+        depth: 0.0,
+        nearness: f32::INFINITY,
+        from: Spot { column: 0, row: 0 },
+        to: Spot { column: 0, row: 0 },
     };
 }
 
@@ -70,15 +85,16 @@ struct Gaze {
     /// Samples per unit of x / z and y / z.
     scale: [f32; 2],
     /// The last used sample.
-    last: Spot,
+    last: [f32; 2],
 }
 
-#[allow(
-    clippy::cast_possible_truncation,
-    reason = "boxes are enlarged by ROUNDING"
-)]
 impl Gaze {
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "boxes are enlarged by ROUNDING"
+    )]
     fn new(place: &Place<'_>, (width, height): (usize, usize)) -> Self {
+        debug_assert!(width <= SIZE && height <= SIZE);
         let eye = place.eye;
         let border = |pixel: f64, axis: usize| (pixel - eye.principal[axis]) / eye.focal[axis];
         let (left, top) = (place.column as f64, place.row as f64);
@@ -99,91 +115,93 @@ impl Gaze {
             low: low.map(|v| v as f32),
             high: high.map(|v| v as f32),
             scale: eye.focal.as_vec2().to_array(),
-            last: Spot {
-                column: width - 1,
-                row: height - 1,
-            },
+            last: [(width - 1) as f32, (height - 1) as f32],
         }
     }
 
-    /// Adds the node's children that the tile may see.
-    fn look_into(&self, node: &Wide, waiting: &mut Vec<(Child, Box3)>) {
-        let mut low = [[0.0f32; WIDTH]; 3];
-        let mut high = [[0.0f32; WIDTH]; 3];
-        for axis in 0..3 {
-            let row = self.rotation[axis];
-            for i in 0..WIDTH {
-                let mut center = self.center_in_cam[axis];
-                let mut half = self.rounding;
-                let mut sum = 0.0;
-                for (k, factor) in row.iter().enumerate() {
-                    let (middle, reach) = (
-                        0.5 * (node.high[k][i] + node.low[k][i]),
-                        0.5 * (node.high[k][i] - node.low[k][i]),
-                    );
-                    center += factor * middle;
-                    half += factor.abs() * reach;
-                    sum += middle.abs() + reach;
-                }
-                half += ROUNDING * sum;
-                low[axis][i] = center - half;
-                high[axis][i] = center + half;
-            }
+    /// Low and high ends of eight boxes along an axis of the camera; NaN where there is no box.
+    #[inline(always)]
+    fn turned<L: Lanes>(&self, l: L, node: &Wide, axis: usize) -> [L::V; 2] {
+        let half = l.splat(0.5);
+        let mut center = l.splat(self.center_in_cam[axis]);
+        let mut reach = l.splat(self.rounding);
+        for k in 0..3 {
+            let (low, high) = (l.load(&node.low[k]), l.load(&node.high[k]));
+            let middle = l.mul(half, l.add(high, low));
+            let side = l.mul(half, l.sub(high, low));
+            let factor = self.rotation[axis][k];
+            center = l.mul_add(l.splat(factor), middle, center);
+            reach = l.mul_add(l.splat(factor.abs() + ROUNDING), side, reach);
+            reach = l.mul_add(l.splat(ROUNDING), l.abs(middle), reach);
         }
-        for (i, &child) in node.children.iter().enumerate() {
-            let seen = Box3 {
-                low: [low[0][i], low[1][i], low[2][i]],
-                high: [high[0][i], high[1][i], high[2][i]],
-            };
-            if child != Child::None && self.meets(&seen) {
-                waiting.push((child, seen));
-            }
-        }
+        [l.sub(center, reach), l.add(center, reach)]
     }
 
-    /// Whether the box reaches into the pyramid through the tile's borders.
-    fn meets(&self, seen: &Box3) -> bool {
-        let near = seen.low[2].max(0.0);
-        let far = seen.high[2];
-        far > 0.0
-            && (0..2).all(|axis| {
-                let low = (self.low[axis] * near).min(self.low[axis] * far);
-                let high = (self.high[axis] * near).max(self.high[axis] * far);
-                seen.high[axis] >= low && seen.low[axis] <= high
-            })
+    /// First and last samples that may be covered along an axis of the image, by eight boxes that
+    /// reach from `low` to `high` and have inverse depths between those given; and which boxes do
+    /// not lie beside the tile's pyramid.
+    #[inline(always)]
+    fn samples<L: Lanes>(
+        &self,
+        l: L,
+        axis: usize,
+        [low, high]: [L::V; 2],
+        ([near, far], [nearness, farness]): ([L::V; 2], [L::V; 2]),
+    ) -> ([L::V; 2], u32) {
+        let (left, right) = (l.splat(self.low[axis]), l.splat(self.high[axis]));
+        let start = l.min(l.mul(left, near), l.mul(left, far));
+        let end = l.max(l.mul(right, near), l.mul(right, far));
+        let beside = l.less(high, start) | l.less(end, low);
+        let scale = l.splat(self.scale[axis]);
+        let (zero, last) = (l.splat(0.0), l.splat(self.last[axis]));
+        let first = l.min(l.mul(low, nearness), l.mul(low, farness));
+        let first = l.mul_add(l.sub(first, left), scale, l.splat(-2.0));
+        let end = l.max(l.mul(high, nearness), l.mul(high, farness));
+        let end = l.mul_add(l.sub(end, left), scale, l.splat(1.0));
+        // `left` is one sample before the tile's first centre; NaN becomes the first sample.
+        let first = l.min(l.max(first, zero), last);
+        let end = l.min(l.max(end, zero), last);
+        ([l.floor(first), l.floor(end)], !beside)
     }
+}
 
-    /// Whether everything that the tile can see of the box lies behind what has been drawn.
-    fn is_hidden(&self, tile: &mut Tile, seen: &Box3) -> bool {
-        let [near, far] = [seen.low[2], seen.high[2]];
-        if near <= 0.0 {
-            return false;
+/// Adds the node's children that the tile may see.
+struct Look<'g>(&'g Gaze, &'g Wide, &'g mut Vec<Waiting>);
+
+impl Task for Look<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self(gaze, node, waiting) = self;
+        let x = gaze.turned(l, node, 0);
+        let y = gaze.turned(l, node, 1);
+        let [depth, far] = gaze.turned(l, node, 2);
+        let (zero, one) = (l.splat(0.0), l.splat(1.0));
+        let inverse = [l.div(one, depth), l.div(one, far)];
+        let depths = ([l.max(depth, zero), far], inverse);
+        let (columns, in_width) = gaze.samples(l, 0, x, depths);
+        let (rows, in_height) = gaze.samples(l, 1, y, depths);
+        let seen = l.less(zero, far) & in_width & in_height;
+        let ahead = l.less(zero, depth);
+        let nearness = l.store(l.pick(ahead, inverse[0], l.splat(f32::INFINITY)));
+        let depth = l.store(depth);
+        let (left, right) = (l.store(columns[0]), l.store(columns[1]));
+        let (top, bottom) = (l.store(rows[0]), l.store(rows[1]));
+        for lane in SetBits(seen) {
+            waiting.push(Waiting {
+                child: node.children[lane],
+                depth: depth[lane],
+                nearness: nearness[lane],
+                from: Spot {
+                    column: whole(left[lane]),
+                    row: whole(top[lane]),
+                },
+                to: Spot {
+                    column: whole(right[lane]),
+                    row: whole(bottom[lane]),
+                },
+            });
         }
-        let (mut from, mut to) = ([0usize; 2], [0usize; 2]);
-        let last = [self.last.column, self.last.row];
-        for axis in 0..2 {
-            let low = (seen.low[axis] / near).min(seen.low[axis] / far) - self.low[axis];
-            let high = (seen.high[axis] / near).max(seen.high[axis] / far) - self.low[axis];
-            // `low` is one sample before the tile's first centre.
-            let first = (low * self.scale[axis] - 2.0).clamp(0.0, last[axis] as f32);
-            let end = (high * self.scale[axis] + 1.0).clamp(0.0, last[axis] as f32);
-            #[allow(clippy::cast_sign_loss, reason = "clamped")]
-            {
-                from[axis] = first as usize;
-                to[axis] = end as usize;
-            }
-        }
-        let corners = (
-            Spot {
-                column: from[0],
-                row: from[1],
-            },
-            Spot {
-                column: to[0],
-                row: to[1],
-            },
-        );
-        debug_assert!(to[0] < SIZE && to[1] < SIZE);
-        tile.hides(corners, 1.0 / near)
     }
 }

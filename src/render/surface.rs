@@ -43,6 +43,18 @@ impl<'m> Frame<'m> {
         self.center_in_cam
     }
 
+    /// Vertices of a triangle.
+    #[inline]
+    pub(crate) fn vertices_of(&self, triangle: usize) -> [u32; 3] {
+        self.mesh.triangles()[triangle]
+    }
+
+    /// A vertex, counted from the mesh's centre.
+    #[inline]
+    pub(crate) fn offset_of(&self, vertex: u32) -> DVec3 {
+        self.mesh.vertices()[vertex as usize] - self.center
+    }
+
     /// Corners of a triangle in the camera frame.
     pub(crate) fn corners(&self, triangle: usize) -> [DVec3; 3] {
         let to_cam = |corner| self.rotation * (corner - self.center) + self.center_in_cam;

@@ -63,6 +63,11 @@ impl Tile {
         (triangle != NONE).then_some(triangle)
     }
 
+    /// The visible triangles of the first samples of a row, [`NONE`] where there is none.
+    pub(crate) fn row(&self, row: usize, width: usize) -> &[u32] {
+        &self.triangles[row * STRIDE..][..width]
+    }
+
     /// About 1 / z-depth of what a sample sees.
     pub(crate) fn nearness(&self, spot: Spot) -> f32 {
         self.nearness[spot.index()]

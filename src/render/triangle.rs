@@ -98,7 +98,7 @@ impl Ray {
 
 /// Twice the area over the longest edge squared, on the plane across the ray, below which a triangle
 /// counts as its longest edge: weights from areas would be rounding noise.
-const THIN: f64 = 1e-9;
+pub(crate) const THIN: f64 = 1e-9;
 
 /// Weights of the second and third corner where the ray passes closest to the longest edge, if the
 /// triangle is thin as the ray sees it.

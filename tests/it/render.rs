@@ -4,6 +4,7 @@ mod closed_forms;
 mod exact;
 mod looks;
 mod rays;
+mod reference;
 
 use glam::{DVec2, DVec3, Vec2};
 use mvs_datasets::scene::{Camera, Corner, Mesh, Pose, View};

@@ -129,16 +129,19 @@ impl Mesh {
     }
 
     /// Vertex positions in world units.
+    #[inline]
     pub fn vertices(&self) -> &[DVec3] {
         &self.vertices
     }
 
     /// Vertex indices of each triangle.
+    #[inline]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
     /// Positions of a triangle's corners.
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
         self.triangles[triangle].map(|vertex| self.vertices[vertex as usize])
     }

@@ -68,10 +68,16 @@ fn a_sphere_is_met_within_its_tessellation_and_only_there() {
 }
 
 #[test]
-fn a_box_at_a_large_offset_has_slab_depths() {
-    for offset in [DVec3::ZERO, DVec3::new(4.5e5, 5.1e6, 1e6)] {
-        let half = DVec3::new(1.0, 2.0, 0.5);
-        let eye = offset + DVec3::new(5.0, -4.0, 3.0);
+fn a_box_has_slab_depths_at_any_offset_and_scale() {
+    let far = DVec3::new(4.5e5, 5.1e6, 1e6);
+    for (offset, scale) in [
+        (DVec3::ZERO, 1.0),
+        (far, 1.0),
+        (DVec3::ZERO, 1e-6),
+        (far, 1e6),
+    ] {
+        let half = DVec3::new(1.0, 2.0, 0.5) * scale;
+        let eye = offset + DVec3::new(5.0, -4.0, 3.0) * scale;
         let mesh = cuboid(offset, half);
         let view = view(Pose::looking_at(eye, offset, DVec3::Z).unwrap(), 80, 60);
         let rendering = draft(&mesh, &view);
@@ -85,7 +91,7 @@ fn a_box_at_a_large_offset_has_slab_depths() {
                 let (one, two) = ((-half - from) / towards, (half - from) / towards);
                 let (near, far) = (one.min(two).max_element(), one.max(two).min_element());
                 let depth = f64::from(rendering.depth.get(column, row));
-                if (near - far).abs() < 1e-9 {
+                if (near - far).abs() < 1e-9 * scale {
                     continue;
                 }
                 assert_eq!(depth > 0.0, near < far, "({column}, {row}) at {offset}");
@@ -97,6 +103,82 @@ fn a_box_at_a_large_offset_has_slab_depths() {
         }
         assert!(hits > 400, "{hits}");
     }
+}
+
+#[test]
+fn one_picture_holds_depths_a_million_apart() {
+    // A small quad close by before a huge one far away, both facing the camera.
+    let near = [(-1.0, 1.0), (0.5, 1.0), (0.5, -1.0), (-1.0, -1.0)];
+    let far = [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)];
+    let corners = |outline: [(f64, f64); 4], size: f64, depth: f64| {
+        outline.map(|(x, y)| DVec3::new(x * size, y * size, depth))
+    };
+    let vertices = [corners(near, 2e-4, 1e-3), corners(far, 1e3, 1e3)].concat();
+    let triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
+    let mesh = Mesh::new(vertices, triangles).unwrap();
+    let view = view(Pose::IDENTITY, 96, 64);
+    let rendering = draft(&mesh, &view);
+    let mut counts = [0, 0];
+    for row in 0..64 {
+        for column in 0..96 {
+            let towards = direction(&view, column, row);
+            let hides = towards.x > -0.2 && towards.x < 0.1 && towards.y.abs() < 0.2;
+            let expected = if hides { 1e-3 } else { 1e3 };
+            let depth = f64::from(rendering.depth.get(column, row));
+            assert!(
+                (depth / expected - 1.0).abs() < 1e-7,
+                "({column}, {row}): {depth}"
+            );
+            counts[usize::from(hides)] += 1;
+        }
+    }
+    assert!(counts[0] > 1000 && counts[1] > 500, "{counts:?}");
+}
+
+#[test]
+fn a_ground_that_passes_below_and_behind_the_camera_is_cut_at_the_camera() {
+    // The plane y = 1 as two triangles of a huge quad around the camera: depth 1 / y.
+    let size = 1e4;
+    let mesh = quad(
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+            .map(|(x, z)| DVec3::new(size * x, 1.0, size * z)),
+    );
+    let view = view(Pose::IDENTITY, 160, 120);
+    let rendering = draft(&mesh, &view);
+    for row in 0..120 {
+        for column in 0..160 {
+            let towards = direction(&view, column, row);
+            let depth = f64::from(rendering.depth.get(column, row));
+            if towards.y * size > 1.0 {
+                assert!(
+                    (depth * towards.y - 1.0).abs() < 1e-7,
+                    "({column}, {row}): {depth}"
+                );
+            } else {
+                assert!(depth == 0.0, "({column}, {row}): {depth} behind the camera");
+            }
+        }
+    }
+}
+
+#[test]
+fn triangles_without_area_are_not_there_and_hide_nothing() {
+    // Points, lines and a folded sliver before a quad.
+    let mut vertices = facing_quad(2.0).vertices().to_vec();
+    vertices.extend([
+        DVec3::new(0.1, 0.1, 1.0),
+        DVec3::new(-0.5, 0.0, 1.0),
+        DVec3::new(0.0, 0.0, 1.0),
+        DVec3::new(0.5, 0.0, 1.0),
+    ]);
+    let degenerate = [[4, 4, 4], [5, 6, 7], [5, 7, 5], [6, 5, 7]];
+    let triangles = [&[[0, 1, 2], [0, 2, 3]], &degenerate[..]].concat();
+    let mesh = Mesh::new(vertices, triangles).unwrap();
+    let mut view = view(Pose::IDENTITY, 64, 64);
+    // Pixel centres lie on the line y = 0.
+    view.camera = Camera::new(64, 64, DVec2::splat(64.0), DVec2::splat(32.5)).unwrap();
+    let (with, without) = (draft(&mesh, &view), draft(&facing_quad(2.0), &view));
+    assert!(with.depth == without.depth && with.depth.valid_count() > 1000);
 }
 
 #[test]

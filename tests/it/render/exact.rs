@@ -2,6 +2,7 @@
 
 use super::*;
 use mvs_datasets::scene::Raster;
+use mvs_eval::render::Seen;
 use mvs_eval::render::oracle::Oracle;
 
 #[test]
@@ -36,6 +37,7 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
         ("large soup", scaled(&soup(500, 3), 1e6), 1e6),
     ];
     let mut noise = Noise(7);
+    let (mut hits, mut seen) = (0, Vec::new());
     for (name, mesh, scale) in &meshes {
         let renderer = Renderer::new(mesh).unwrap();
         let oracle = Oracle::new(mesh);
@@ -66,8 +68,39 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
             );
             assert!(fast.normals == slow.normals, "normals of {name} {index}");
             assert!(fast.color == slow.color, "colors of {name} {index}");
+            renderer.see(&view, &mut seen).unwrap();
+            hits += agree(mesh, &view, &seen, &slow);
         }
     }
+    assert!(hits > 20_000, "{hits}");
+}
+
+/// Holds maps of visibility to a rendering: depth and normals to the bit, and the point that the
+/// weights stand for to the ray. Returns how many pixels see something.
+fn agree(mesh: &Mesh, view: &View, seen: &[Seen], slow: &Rendering) -> usize {
+    let mut hits = 0;
+    for row in 0..view.camera.height() {
+        for column in 0..view.camera.width() {
+            let found = seen[(row * view.camera.width() + column) as usize];
+            assert_eq!(found.depth.to_bits(), slow.depth.get(column, row).to_bits());
+            assert_eq!(found.normal, slow.normals.get(column, row));
+            if found.triangle == Seen::NO_TRIANGLE {
+                assert_eq!(found, Seen::NOTHING);
+                continue;
+            }
+            hits += 1;
+            let [a, b, c] = mesh.corners(found.triangle as usize);
+            let [v, w] = found.weights.map(f64::from);
+            let point = view.pose.to_cam(a + v * (b - a) + w * (c - a));
+            let expected = direction(view, column, row) * f64::from(found.depth);
+            let size = (b - a).length() + (c - a).length() + point.length();
+            assert!(
+                (point - expected).length() < 3e-7 * size,
+                "({column}, {row}): {point} for {expected}"
+            );
+        }
+    }
+    hits
 }
 
 /// Two bumpy sheets, closer to each other than f32 can tell, whose every vertex lies behind the

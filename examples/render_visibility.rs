@@ -1,0 +1,200 @@
+//! What visibility and exact maps cost, for `benches/render_visibility.py`.
+//!
+//! usage: `render_visibility REPEATS SIDE...`: for each terrain of SIDE × SIDE cells one JSON line;
+//! or `render_visibility leaks RAYS`: how many rays aimed at edges and corners of closed meshes from
+//! inside slip through.
+
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "a measuring program: it prints, and stops where anything is wrong"
+)]
+
+use glam::{DVec2, DVec3};
+use mvs_datasets::scene::{Camera, Mesh, Pose, View};
+use mvs_eval::parallel;
+use mvs_eval::render::{Renderer, Seen};
+use std::fs;
+
+const EYES: [DVec3; 3] = [
+    DVec3::new(0.9, -1.4, 1.1),
+    DVec3::new(-1.1, 0.3, 0.5),
+    DVec3::new(0.1, 0.2, 1.6),
+];
+
+/// Hills over a square, `side` × `side` cells of two triangles.
+fn terrain(side: u32) -> Mesh {
+    let at = |i: u32| f64::from(i) / f64::from(side) * 2.0 - 1.0;
+    let height =
+        |x: f64, y: f64| 0.1 * (7.0 * x).sin() * (5.0 * y).cos() + 0.02 * (40.0 * x * y).sin();
+    let vertices = (0..=side)
+        .flat_map(|j| (0..=side).map(move |i| DVec3::new(at(i), at(j), height(at(i), at(j)))));
+    let cell = |i: u32, j: u32| {
+        let a = j * (side + 1) + i;
+        [[a, a + 1, a + side + 2], [a, a + side + 2, a + side + 1]]
+    };
+    let triangles = (0..side)
+        .flat_map(|j| (0..side).flat_map(move |i| cell(i, j)))
+        .collect();
+    Mesh::new(vertices.collect(), triangles).unwrap()
+}
+
+/// A unit sphere of latitude and longitude, `rings` from pole to pole, each pole one vertex.
+fn sphere(rings: u32) -> Mesh {
+    let around = 2 * rings;
+    let mut vertices = vec![DVec3::Z];
+    for ring in 1..rings {
+        let polar = std::f64::consts::PI * f64::from(ring) / f64::from(rings);
+        for step in 0..around {
+            let turn = std::f64::consts::TAU * f64::from(step) / f64::from(around);
+            let (sin, cos) = polar.sin_cos();
+            vertices.push(DVec3::new(sin * turn.cos(), sin * turn.sin(), cos));
+        }
+    }
+    vertices.push(DVec3::NEG_Z);
+    let at = |ring: u32, step: u32| match ring {
+        0 => 0,
+        ring if ring == rings => 1 + (rings - 1) * around,
+        ring => 1 + (ring - 1) * around + step % around,
+    };
+    let mut triangles = Vec::new();
+    for ring in 0..rings {
+        for step in 0..around {
+            let [a, b] = [at(ring, step), at(ring, step + 1)];
+            let [c, d] = [at(ring + 1, step), at(ring + 1, step + 1)];
+            triangles.extend([[a, c, d], [a, d, b]].iter().filter(|t| {
+                let [x, y, z] = **t;
+                x != y && y != z && z != x
+            }));
+        }
+    }
+    Mesh::new(vertices, triangles).unwrap()
+}
+
+/// Seconds this thread has run.
+fn cpu() -> f64 {
+    let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap();
+    let first = text.split_whitespace().next().unwrap();
+    first.parse::<f64>().unwrap() * 1e-9
+}
+
+/// The most memory this process has held, in bytes.
+fn peak() -> f64 {
+    let text = fs::read_to_string("/proc/self/status").unwrap();
+    let line = text.lines().find(|line| line.starts_with("VmHWM")).unwrap();
+    let kib = line.split_whitespace().nth(1).unwrap();
+    kib.parse::<f64>().unwrap() * 1024.0
+}
+
+/// The median CPU time of some runs, in seconds.
+fn timed(repeats: usize, mut work: impl FnMut()) -> f64 {
+    let mut times: Vec<f64> = (0..repeats)
+        .map(|_| {
+            let start = cpu();
+            work();
+            cpu() - start
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+fn measure(side: u32, repeats: usize) {
+    let mesh = terrain(side);
+    let count = mesh.triangles().len() as f64;
+    let held = peak();
+    let start = cpu();
+    let renderer = Renderer::new(&mesh).unwrap();
+    let build = cpu() - start;
+    let build_peak = peak() - held;
+    let camera = Camera::new(2048, 1536, DVec2::splat(1600.0), DVec2::new(1024.0, 768.0)).unwrap();
+    let mut rows = Vec::new();
+    for eye in EYES {
+        let view = View {
+            id: 0,
+            name: String::new(),
+            camera,
+            pose: Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.0, 1.0)).unwrap(),
+            depth_range: None,
+        };
+        let mut pixels: Vec<Seen> = Vec::new();
+        let hits = renderer.visible_count(&view);
+        renderer.see(&view, &mut pixels).unwrap();
+        let visibility = timed(repeats, || {
+            renderer.visible_count(&view);
+        });
+        let maps = timed(repeats, || renderer.see(&view, &mut pixels).unwrap());
+        rows.push(format!(
+            r#"{{"hits": {hits}, "visibility_s": {visibility}, "maps_s": {maps}}}"#
+        ));
+    }
+    println!(
+        r#"{{"triangles": {count}, "build_s": {build}, "bytes_per_triangle": {}, "build_peak_bytes_per_triangle": {}, "process_peak_bytes": {}, "views": [{}]}}"#,
+        renderer.bytes() as f64 / count,
+        build_peak / count,
+        peak(),
+        rows.join(", ")
+    );
+}
+
+/// Numbers between -1 and 1 that look random and never change.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    fn vector(&mut self) -> DVec3 {
+        DVec3::new(self.next(), self.next(), self.next())
+    }
+}
+
+fn leaks(rays: usize) {
+    let mut noise = Noise(17);
+    for (name, mesh) in [
+        ("sphere, 159 k triangles", sphere(200)),
+        ("sphere, 3 k triangles", sphere(28)),
+    ] {
+        let renderer = Renderer::new(&mesh).unwrap();
+        let mut missed = [0, 0];
+        for index in 0..rays / 2 {
+            let [a, b, _] =
+                mesh.corners((noise.next().abs() * 1e9) as usize % mesh.triangles().len());
+            let edge = index % 2;
+            let along = if edge == 0 {
+                0.0
+            } else {
+                0.5 + 0.5 * noise.next()
+            };
+            let origin = noise.vector() * 0.4;
+            let direction = a.lerp(b, along) - origin;
+            let hit = renderer.first_hit(origin, direction, (0.0, f64::INFINITY));
+            missed[edge] += usize::from(hit.is_none());
+        }
+        println!(
+            r#"{{"mesh": "{name}", "rays": {}, "leaks_at_corners": {}, "leaks_at_edges": {}}}"#,
+            rays / 2,
+            missed[0],
+            missed[1]
+        );
+    }
+}
+
+fn main() {
+    let numbers: Vec<String> = std::env::args().skip(1).collect();
+    let number = |index: usize| numbers[index].parse().unwrap();
+    let work = || match numbers[0].as_str() {
+        "leaks" => leaks(number(1)),
+        _ => {
+            for index in 1..numbers.len() {
+                measure(u32::try_from(number(index)).unwrap(), number(0));
+            }
+        }
+    };
+    parallel::with_threads(1, work).unwrap();
+}
