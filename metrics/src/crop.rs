@@ -55,6 +55,7 @@ impl Prism {
     /// Whether a point is inside. The bounds on the axis are inside. On the polygon's own edges the
     /// answer is Open3D's: an edge i→j is crossed where `v_i < p_v ≤ v_j` or `v_j < p_v ≤ v_i`, and
     /// a point is inside where an odd number of crossings lies strictly left of `p_u`.
+    #[inline]
     pub fn contains(&self, point: DVec3) -> bool {
         let w = point[self.axis];
         if !(self.min <= w && w <= self.max) {

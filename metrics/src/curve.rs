@@ -91,12 +91,24 @@ fn arange(stop: f64, step: f64) -> Vec<f64> {
 }
 
 fn bin_of(edges: &[f64], distance: f64) -> Option<usize> {
-    let last = *edges.last()?;
+    let (first, last) = (*edges.first()?, *edges.last()?);
     if distance == last {
         return Some(edges.len() - 2);
     }
-    let above = edges.partition_point(|&edge| edge <= distance);
-    (above > 0 && above < edges.len()).then(|| above - 1)
+    if !(first <= distance && distance < last) {
+        return None;
+    }
+    // Where the edges are evenly spaced, as the toolbox's, the first guess is off by one at most.
+    let bins = edges.len() - 1;
+    let along = (distance - first) / (last - first) * bins as f64;
+    let mut bin = (along as usize).min(bins - 1);
+    while edges[bin] > distance {
+        bin -= 1;
+    }
+    while edges[bin + 1] <= distance {
+        bin += 1;
+    }
+    Some(bin)
 }
 
 #[cfg(test)]
@@ -111,6 +123,24 @@ mod tests {
         assert_eq!(curve.counts(), [2, 3, 5]);
         assert_eq!(curve.fractions(), [0.25, 0.375, 0.625]);
         assert_eq!(curve.total(), 8);
+    }
+
+    #[test]
+    fn every_bin_is_that_of_a_search_through_the_edges() {
+        let edges = arange(5.0 * 0.3, 0.3 / 100.0);
+        let mut distances: Vec<f64> = (0..20_000).map(|i| f64::from(i) * 1e-4).collect();
+        distances.extend(edges.iter().flat_map(|e| [e.next_down(), *e, e.next_up()]));
+        let uneven = vec![0.0, 1e-9, 0.1, 0.100_000_1, 1.9];
+        for edges in [edges, uneven] {
+            for &distance in &distances {
+                let above = edges.partition_point(|&edge| edge <= distance);
+                let mut expected = (above > 0 && above < edges.len()).then(|| above - 1);
+                if Some(&distance) == edges.last() {
+                    expected = Some(edges.len() - 2);
+                }
+                assert_eq!(bin_of(&edges, distance), expected, "{distance}");
+            }
+        }
     }
 
     #[test]

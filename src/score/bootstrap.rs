@@ -45,12 +45,15 @@ pub fn interval(
     resamples: u32,
     seed: u64,
 ) -> Option<Interval> {
+    if resamples == 0 {
+        return None;
+    }
     let bounds = Aabb::around(evaluation.truth.points.iter().copied());
     // A little more than a part, so that the farthest point is in the last block.
     let size = bounds.size().max_element() / BLOCKS_ALONG * (1.0 + 1e-9);
     let size = if size > 0.0 { size } else { tolerance.get() };
     let blocks = tallies(evaluation, tolerance, bounds.min, size);
-    if blocks.is_empty() || resamples == 0 {
+    if blocks.is_empty() {
         return None;
     }
     let mut scores = parallel::map(resamples as usize, |resample| {

@@ -2,7 +2,8 @@
 
 use crate::error::Result;
 use glam::DVec3;
-use mvs_metrics::{Curve, Score, Tolerance, distance, stats};
+use mvs_metrics::distance::{self, Order};
+use mvs_metrics::{Curve, Score, Tolerance, stats};
 use serde::{Deserialize, Serialize};
 
 /// One side of a comparison: the points that were judged and how far each is from the other side.
@@ -70,9 +71,16 @@ pub struct Evaluation {
 impl Evaluation {
     /// Measures the distances both ways. An empty reconstruction is allowed: all truth is then
     /// infinitely far from it.
-    pub fn measure(mut reconstruction: Side, mut truth: Side) -> Result<Self> {
-        (reconstruction.distances, truth.distances) =
-            distance::both_ways(&reconstruction.points, &truth.points)?;
+    pub fn measure(reconstruction: Side, truth: Side) -> Result<Self> {
+        Self::measure_in(Order::Any, reconstruction, truth)
+    }
+
+    /// As [`Evaluation::measure`], for points in a known order.
+    pub fn measure_in(order: Order, mut reconstruction: Side, mut truth: Side) -> Result<Self> {
+        let lists = [&mut reconstruction.points, &mut truth.points].map(std::mem::take);
+        let [a, b] = distance::both_ways_in(order, lists)?;
+        (reconstruction.points, reconstruction.distances) = a;
+        (truth.points, truth.distances) = b;
         Ok(Self {
             reconstruction,
             truth,

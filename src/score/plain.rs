@@ -1,12 +1,12 @@
 //! The plain protocol: two clouds that share a frame, with a crop and a voxel grid where asked for.
 
 use super::evaluation::{Evaluation, Side};
-use super::points::{FinitePoints, moved_and_cropped};
+use super::points::{FinitePoints, Moved};
 use crate::error::{Error, Result};
 use glam::DMat4;
 use mvs_datasets::scene::Aabb;
 use mvs_metrics::crop::Prism;
-use mvs_metrics::downsample;
+use mvs_metrics::distance::Order;
 
 /// What happens to both clouds before distances are taken.
 #[derive(Debug, Clone, Default)]
@@ -21,11 +21,11 @@ pub struct Preparation {
 impl Preparation {
     /// Crops and thins a cloud after moving it by `target_from_source`.
     pub fn apply(&self, points: &FinitePoints, target_from_source: Option<DMat4>) -> Result<Side> {
-        let kept = moved_and_cropped(points.positions(), target_from_source, self.crop.as_ref());
+        let kept = Moved::new(points, target_from_source, self.crop.as_ref())?;
         let cropped = kept.len();
         let kept = match self.voxel {
-            Some(size) => downsample::voxel(&kept, size)?,
-            None => kept,
+            Some(size) => kept.voxels(size)?,
+            None => (0..cropped).map(|index| kept.at(index)).collect(),
         };
         Ok(Side {
             input: points.input(),
@@ -36,11 +36,19 @@ impl Preparation {
         })
     }
 
+    /// The order in which points come out.
+    fn order(&self) -> Order {
+        match self.voxel {
+            Some(_) => Order::Spatial,
+            None => Order::Any,
+        }
+    }
+
     /// [`Preparation::apply`] to the truth, which must not end up empty.
     pub fn apply_to_truth(&self, truth: &FinitePoints) -> Result<Side> {
         let side = self.apply(truth, None)?;
         if side.points.is_empty() {
-            let bounds = Aabb::around(truth.positions().iter().copied());
+            let bounds = Aabb::around(truth.iter());
             let problem = format!(
                 "expected points of the truth inside the crop volume, found none of {}: the truth \
                  spans {}; is it the crop file of this scene?",
@@ -75,7 +83,7 @@ pub fn evaluate(
 ) -> Result<Evaluation> {
     let truth = preparation.apply_to_truth(truth)?;
     let reconstruction = preparation.apply(reconstruction, truth_from_reconstruction)?;
-    Evaluation::measure(reconstruction, truth)
+    Evaluation::measure_in(preparation.order(), reconstruction, truth)
 }
 
 #[cfg(test)]

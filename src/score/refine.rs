@@ -1,13 +1,13 @@
 //! The three ICP stages that bring a reconstruction from the cameras' alignment onto the truth.
 
-use super::points::moved_and_cropped;
+use super::points::{FinitePoints, Moved};
 use super::tnt::Profile;
 use crate::error::Result;
 use glam::{DMat3, DMat4, DVec3};
-use mvs_metrics::align::{Icp, IcpOptions, icp};
+use mvs_metrics::Tolerance;
+use mvs_metrics::align::{Icp, IcpOptions, icp_onto};
 use mvs_metrics::crop::Prism;
-use mvs_metrics::{Tolerance, downsample};
-use std::borrow::Cow;
+use mvs_metrics::distance::{BlockIndex, Listed, Order, listed};
 
 /// How many points the last stage leaves as they are (`MAX_POINT_NUMBER` of the toolbox).
 const MOST_POINTS: f64 = 4e6;
@@ -58,41 +58,48 @@ pub struct Stage {
 /// Runs the three stages from `start`. A stage that finds nothing inside the crop volume has fitness
 /// 0 and is the last; one whose pairs fix no similarity has fitness 0 too.
 pub fn refine(
-    reconstruction: &[DVec3],
-    truth: &[DVec3],
+    reconstruction: &FinitePoints,
+    truth: &FinitePoints,
     crop: &Prism,
     tolerance: Tolerance,
     start: DMat4,
     profile: Profile,
 ) -> Result<Vec<Stage>> {
-    let truth = moved_and_cropped(truth, None, Some(crop));
+    let truth = Moved::new(truth, None, Some(crop))?;
     let mut so_far = start;
     let mut stages = Vec::with_capacity(STAGES.len());
     for (thinning, reach) in STAGES {
-        let moved = moved_and_cropped(reconstruction, Some(so_far), Some(crop));
-        let source = thinning.apply(&moved, tolerance)?;
-        let target = thinning.apply(&truth, tolerance)?;
+        let reconstruction = Moved::new(reconstruction, Some(so_far), Some(crop))?;
         let options = options(profile, reach * tolerance.get(), tolerance);
-        let stage = run_stage(&source, &target, &options, so_far);
+        let empty = reconstruction.is_empty() || truth.is_empty();
+        let stage = match thinning {
+            Thinning::Voxel(edge) => {
+                let size = edge * tolerance.get();
+                let target = index_of(&listed(&truth.voxels(size)?, Order::Spatial))?;
+                let source = reconstruction.voxels(size)?;
+                drop(reconstruction);
+                run_stage(&listed(&source, Order::Spatial), target, &options, so_far)
+            }
+            Thinning::Uniform => {
+                let target = index_of(&truth.every_kth(uniform_step(truth.len())).listed())?;
+                let step = uniform_step(reconstruction.len());
+                let source = reconstruction.every_kth(step);
+                run_stage(&source.listed(), target, &options, so_far)
+            }
+        };
         so_far = stage.truth_from_reconstruction;
         stages.push(stage);
-        if source.is_empty() || target.is_empty() {
+        if empty {
             break;
         }
     }
     Ok(stages)
 }
 
-impl Thinning {
-    fn apply(self, points: &[DVec3], tolerance: Tolerance) -> Result<Cow<'_, [DVec3]>> {
-        Ok(match self {
-            Self::Voxel(edge) => downsample::voxel(points, edge * tolerance.get())?.into(),
-            Self::Uniform => match uniform_step(points.len()) {
-                1 => points.into(),
-                step => downsample::every_kth(points, step)?.into(),
-            },
-        })
-    }
+/// None for no points.
+fn index_of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Option<BlockIndex>> {
+    let index = (points.count > 0).then(|| BlockIndex::of(points));
+    Ok(index.transpose()?)
 }
 
 /// The toolbox's k: n / 4e6 rounded half to even where n is above 4e6, else 1.
@@ -121,7 +128,12 @@ fn options(profile: Profile, max_distance: f64, tolerance: Tolerance) -> IcpOpti
     }
 }
 
-fn run_stage(source: &[DVec3], target: &[DVec3], options: &IcpOptions, so_far: DMat4) -> Stage {
+fn run_stage<F: Fn(usize) -> DVec3 + Sync>(
+    source: &Listed<F>,
+    target: Option<BlockIndex>,
+    options: &IcpOptions,
+    so_far: DMat4,
+) -> Stage {
     let nothing = Icp {
         target_from_source: DMat4::IDENTITY,
         fitness: 0.0,
@@ -130,15 +142,14 @@ fn run_stage(source: &[DVec3], target: &[DVec3], options: &IcpOptions, so_far: D
         iterations: 0,
         converged: false,
     };
-    let found = if source.is_empty() || target.is_empty() {
-        nothing
-    } else {
+    let found = match &target {
         // Pairs that fix no similarity, as those of a wrong log may, are as good as none.
-        icp(source, target, options).unwrap_or(nothing)
+        Some(target) if source.count > 0 => icp_onto(target, source, options).unwrap_or(nothing),
+        _ => nothing,
     };
     Stage {
-        reconstruction_points: source.len(),
-        truth_points: target.len(),
+        reconstruction_points: source.count,
+        truth_points: target.as_ref().map_or(0, BlockIndex::len),
         max_distance: options.max_distance,
         fitness: found.fitness,
         inlier_rmse: found.inlier_rmse,
@@ -202,6 +213,7 @@ mod tests {
         let moved = motion.inverse();
         let reconstruction: Vec<DVec3> = truth.iter().map(|&p| moved.transform_point3(p)).collect();
         let tolerance = Tolerance::new(0.02).unwrap();
+        let (reconstruction, truth) = (FinitePoints::new(reconstruction), FinitePoints::new(truth));
         let run = |profile| {
             refine(
                 &reconstruction,
@@ -237,8 +249,8 @@ mod tests {
         let tolerance = Tolerance::new(0.02).unwrap();
         let start = DMat4::from_translation(DVec3::Y);
         let stages = refine(
-            &far,
-            &surface(400),
+            &FinitePoints::new(far),
+            &FinitePoints::new(surface(400)),
             &crop(),
             tolerance,
             start,

@@ -109,8 +109,8 @@ pub fn align(inputs: &Inputs, options: &Options) -> Result<Motion> {
     };
     let stages = if refined {
         refine(
-            inputs.reconstruction.positions(),
-            inputs.truth.positions(),
+            &inputs.reconstruction,
+            &inputs.truth,
             &inputs.crop,
             inputs.tolerance,
             start,

@@ -1,10 +1,11 @@
 //! Bringing a reconstruction into the frame of the truth: the crate's only user of nalgebra.
 
 pub mod icp;
+mod reach;
 pub mod trajectory;
 pub mod umeyama;
 
-pub use icp::{Icp, IcpOptions, icp, icp_plain};
+pub use icp::{Icp, IcpOptions, icp, icp_onto, icp_plain};
 pub use umeyama::{Scale, umeyama};
 
 use glam::{DMat4, DVec3};
@@ -20,6 +21,7 @@ pub fn transformed(points: &[DVec3], target_from_source: DMat4) -> Vec<DVec3> {
 }
 
 /// One point, as [`transformed`] moves it.
+#[inline]
 pub fn transform(target_from_source: DMat4, point: DVec3) -> DVec3 {
     target_from_source.transform_point3(point)
 }

@@ -1,8 +1,9 @@
 //! The similarity between two camera trajectories, found by RANSAC.
 
+use super::reach::Reach;
 use super::transform;
 use super::umeyama::{Scale, umeyama};
-use crate::distance::{NearestIndex, squared_distance};
+use crate::distance::squared_distance;
 use crate::error::{Error, Result};
 use glam::{DMat4, DVec3};
 use rand_chacha::ChaCha8Rng;
@@ -83,7 +84,7 @@ pub fn align(
     options: &TrajectoryOptions,
 ) -> Result<TrajectoryFit> {
     check(source, target, options)?;
-    let judge = Judge::new(source, target, options)?;
+    let judge = Judge::new(source, target, options);
     let blocks = options.iterations.div_ceil(BLOCK);
     let winners: Vec<Option<Candidate>> = (0..blocks)
         .into_par_iter()
@@ -162,22 +163,18 @@ impl Candidate {
 struct Judge<'a> {
     source: &'a [DVec3],
     target: &'a [DVec3],
-    index: NearestIndex,
+    near: Reach,
     options: &'a TrajectoryOptions,
 }
 
 impl<'a> Judge<'a> {
-    fn new(
-        source: &'a [DVec3],
-        target: &'a [DVec3],
-        options: &'a TrajectoryOptions,
-    ) -> Result<Self> {
-        Ok(Self {
+    fn new(source: &'a [DVec3], target: &'a [DVec3], options: &'a TrajectoryOptions) -> Self {
+        Self {
             source,
             target,
-            index: NearestIndex::new(target)?,
+            near: Reach::new(target, options.max_distance),
             options,
-        })
+        }
     }
 
     fn best_of_block(&self, block: usize) -> Option<Candidate> {
@@ -191,8 +188,7 @@ impl<'a> Judge<'a> {
             let Ok(motion) = self.draw(&mut rng) else {
                 continue;
             };
-            let to_beat = best.map_or(1, |best| best.agreeing);
-            if let Some(candidate) = self.judge(motion, to_beat) {
+            if let Some(candidate) = self.judge(motion, best.as_ref()) {
                 best = Some(best.map_or(candidate, |best| best.better(candidate)));
             }
         }
@@ -208,9 +204,11 @@ impl<'a> Judge<'a> {
         umeyama(&pick(self.source), &pick(self.target), Scale::Free)
     }
 
-    /// The candidate, or `None` as soon as fewer than `to_beat` centres can agree.
-    fn judge(&self, target_from_source: DMat4, to_beat: usize) -> Option<Candidate> {
+    /// The candidate, or `None` as soon as no centre can agree or it cannot be better than `best`.
+    fn judge(&self, target_from_source: DMat4, best: Option<&Candidate>) -> Option<Candidate> {
         let bound = self.options.max_distance * self.options.max_distance;
+        let (to_beat, most_squares) =
+            best.map_or((1, f64::INFINITY), |best| (best.agreeing, best.squares));
         let mut candidate = Candidate {
             target_from_source,
             agreeing: 0,
@@ -219,16 +217,18 @@ impl<'a> Judge<'a> {
         let mut may_miss = self.source.len().checked_sub(to_beat)?;
         for (i, &centre) in self.source.iter().enumerate() {
             let moved = transform(target_from_source, centre);
-            let partner = match self.options.rule {
-                Rule::Official => self.index.points()[self.index.nearest(moved).0],
-                Rule::Strict => self.target[i],
+            let square = match self.options.rule {
+                Rule::Official => self.near.nearest_square(moved),
+                Rule::Strict => squared_distance(moved, self.target[i]),
             };
-            let square = squared_distance(moved, partner);
             if square < bound {
                 candidate.agreeing += 1;
                 candidate.squares += square;
             } else {
                 may_miss = may_miss.checked_sub(1)?;
+            }
+            if may_miss == 0 && candidate.squares >= most_squares {
+                return None;
             }
         }
         Some(candidate)
@@ -244,7 +244,7 @@ impl<'a> Judge<'a> {
                 break;
             }
             let motion = umeyama(&source, &target, Scale::Free)?;
-            let Some(refit) = self.judge(motion, 1) else {
+            let Some(refit) = self.judge(motion, None) else {
                 break;
             };
             winner = refit;
@@ -314,6 +314,52 @@ mod tests {
         TrajectoryOptions {
             iterations: 3000,
             ..TrajectoryOptions::new(rule, 7)
+        }
+    }
+
+    /// The official winner by judging every candidate in full, over all targets.
+    fn plain_winner(source: &[DVec3], target: &[DVec3], options: &TrajectoryOptions) -> DMat4 {
+        let judge = Judge::new(source, target, options);
+        let bound = options.max_distance * options.max_distance;
+        let mut best: Option<(usize, f64, DMat4)> = None;
+        for block in 0..options.iterations.div_ceil(BLOCK) {
+            let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+            rng.set_stream(block as u64);
+            for _ in 0..BLOCK.min(options.iterations - block * BLOCK) {
+                let Ok(motion) = judge.draw(&mut rng) else {
+                    continue;
+                };
+                let nearest = |&s: &DVec3| {
+                    let squares = target
+                        .iter()
+                        .map(|&t| squared_distance(transform(motion, s), t));
+                    squares.fold(f64::INFINITY, f64::min)
+                };
+                let near: Vec<f64> = source.iter().map(nearest).filter(|&s| s < bound).collect();
+                let mean = near.iter().sum::<f64>() / near.len().max(1) as f64;
+                let found = (near.len(), mean.sqrt(), motion);
+                let better = best.is_none_or(|b| found.0 > b.0 || found.0 == b.0 && found.1 < b.1);
+                if better && found.0 > 0 {
+                    best = Some(found);
+                }
+            }
+        }
+        best.unwrap().2
+    }
+
+    #[test]
+    fn no_candidate_is_dropped_that_would_win() {
+        for (misplaced, max_distance) in [(0, 0.2), (0, 0.02), (20, 0.2), (45, 1.5)] {
+            let (source, target, _) = trajectories(misplaced);
+            let options = TrajectoryOptions {
+                max_distance,
+                ..options(Rule::Official)
+            };
+            let fit = align(&source, &target, &options).unwrap();
+            assert_eq!(
+                fit.target_from_source,
+                plain_winner(&source, &target, &options)
+            );
         }
     }
 

@@ -1,8 +1,8 @@
 //! Points in Hilbert order, packed in blocks of sixteen under a tree of boxes.
 
-use super::hilbert::{CHUNK, Frame, Placed};
-use super::search::search;
-use super::{check_points, hilbert};
+use super::hilbert::CHUNK;
+use super::search::{Squares, larger, smaller, square_of, walk};
+use super::{Listed, Order, check_points, hilbert, listed, wide};
 use crate::error::Result;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,13 +11,49 @@ use rayon::prelude::*;
 pub(super) const LANES: usize = 16;
 /// Boxes of a tree node.
 pub(super) const FANOUT: usize = 8;
-/// Query groups that one thread searches at a time.
+/// Query groups that one thread searches at a time, each with a hint from the one before.
 const GROUPS: usize = 64;
 
 /// The lower and the upper corner of a box.
 pub(super) type Corners = (DVec3, DVec3);
 /// The box of nothing.
-const NOWHERE: Corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+pub(super) const NOWHERE: Corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+
+/// The least and the largest of a column.
+#[inline(always)]
+fn range(column: &[f64; LANES]) -> (f64, f64) {
+    let (mut least, mut largest) = ([column[0]; 4], [column[0]; 4]);
+    for first in (0..LANES).step_by(4) {
+        for k in 0..4 {
+            least[k] = smaller(column[first + k], least[k]);
+            largest[k] = larger(column[first + k], largest[k]);
+        }
+    }
+    (
+        smaller(smaller(least[0], least[1]), smaller(least[2], least[3])),
+        larger(
+            larger(largest[0], largest[1]),
+            larger(largest[2], largest[3]),
+        ),
+    )
+}
+
+/// The box and a point that is not NaN.
+#[inline(always)]
+pub(super) fn around((min, max): Corners, point: DVec3) -> Corners {
+    (
+        DVec3::new(
+            smaller(point.x, min.x),
+            smaller(point.y, min.y),
+            smaller(point.z, min.z),
+        ),
+        DVec3::new(
+            larger(point.x, max.x),
+            larger(point.y, max.y),
+            larger(point.z, max.z),
+        ),
+    )
+}
 
 /// Sixteen neighbouring points as columns. A last, short block repeats its last point.
 #[derive(Debug, Clone)]
@@ -29,7 +65,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    const EMPTY: Self = Self {
+    pub(super) const EMPTY: Self = Self {
         x: [0.0; LANES],
         y: [0.0; LANES],
         z: [0.0; LANES],
@@ -43,13 +79,11 @@ impl Block {
         DVec3::new(self.x[lane], self.y[lane], self.z[lane])
     }
 
-    /// The corners of the box around the points.
+    /// The corners of the box around the points, all finite.
+    #[inline(always)]
     pub(super) fn bounds(&self) -> Corners {
-        let points = || (0..LANES).map(|lane| self.point(lane));
-        (
-            points().fold(DVec3::INFINITY, DVec3::min),
-            points().fold(DVec3::NEG_INFINITY, DVec3::max),
-        )
+        let (x, y, z) = (range(&self.x), range(&self.y), range(&self.z));
+        (DVec3::new(x.0, y.0, z.0), DVec3::new(x.1, y.1, z.1))
     }
 }
 
@@ -70,8 +104,11 @@ impl Node {
             max: std::array::from_fn(|axis| std::array::from_fn(|k| child(k).1[axis])),
         }
     }
+}
 
+impl Node {
     /// The corners of a child's box.
+    #[inline(always)]
     pub(super) fn child(&self, k: usize) -> Corners {
         (
             DVec3::from(self.min.map(|column| column[k])),
@@ -86,29 +123,29 @@ struct Packed {
     blocks: Vec<Block>,
     /// Per place in the blocks, the index of the point as given.
     order: Vec<u32>,
-    /// Per chunk of 64 blocks the frame's number of a point in it, ascending.
-    keys: Vec<u32>,
 }
 
 impl Packed {
-    /// The `points`, all finite, on the curve through `frame`, and each chunk of them as a tree.
-    fn new(points: &[DVec3], frame: &Frame) -> Self {
-        let mut order = hilbert::order(points, frame);
-        let mut blocks = vec![Block::EMPTY; order.len().div_ceil(LANES)];
-        let keys = order
+    /// Finite points on a curve, each chunk of them as a tree.
+    fn new<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Self {
+        let (count, at) = (points.count, &points.at);
+        let mut order = match points.order {
+            Order::Any => hilbert::order(count, at),
+            Order::Spatial => (0..count as u32).collect(),
+        };
+        let mut blocks = vec![Block::EMPTY; count.div_ceil(LANES)];
+        order
             .par_chunks_mut(CHUNK)
             .zip(blocks.par_chunks_mut(CHUNK / LANES))
-            .map_init(Vec::new, |placed, (order, blocks)| {
-                let key = frame.key(points[order[0] as usize]);
-                pack(points, order, blocks, placed);
-                key
-            })
-            .collect();
-        Self {
-            blocks,
-            order,
-            keys,
-        }
+            .for_each(|(order, blocks)| {
+                let points = hilbert::split(at, order);
+                for (block, points) in blocks.iter_mut().zip(points.chunks(LANES)) {
+                    for lane in 0..LANES {
+                        block.set(lane, points[lane.min(points.len() - 1)]);
+                    }
+                }
+            });
+        Self { blocks, order }
     }
 
     /// One value per place in the blocks, brought to the order of the points as given.
@@ -118,24 +155,6 @@ impl Packed {
             given[index as usize] = value(found);
         }
         given
-    }
-}
-
-/// Splits one chunk of the order as a tree and fills its blocks.
-fn pack(points: &[DVec3], order: &mut [u32], blocks: &mut [Block], placed: &mut Vec<Placed>) {
-    placed.clear();
-    placed.extend(order.iter().map(|&index| Placed {
-        at: points[index as usize],
-        index,
-    }));
-    hilbert::split(placed);
-    for (index, placed) in order.iter_mut().zip(placed.iter()) {
-        *index = placed.index;
-    }
-    for (block, points) in blocks.iter_mut().zip(placed.chunks(LANES)) {
-        for lane in 0..LANES {
-            block.set(lane, points[lane.min(points.len() - 1)].at);
-        }
     }
 }
 
@@ -149,26 +168,35 @@ pub struct BlockIndex {
     points: Packed,
     /// The boxes of the blocks first, the root last.
     levels: Vec<Vec<Node>>,
-    frame: Frame,
 }
 
 impl BlockIndex {
     /// An index over `points`: at least one, all finite, at most 2³² − 2. Equal points are fine.
     pub fn new(points: &[DVec3]) -> Result<Self> {
+        Self::of(&listed(points, Order::Any))
+    }
+
+    /// As [`BlockIndex::new`]. Of points in spatial order the order is taken over, not made.
+    pub fn of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Self> {
         check_points(points)?;
-        let frame = Frame::of(points);
-        let points = Packed::new(points, &frame);
+        let points = Packed::new(points);
         let mut boxes: Vec<Corners> = points.blocks.par_iter().map(Block::bounds).collect();
         let mut levels = Vec::new();
         while levels.is_empty() || boxes.len() > 1 {
             levels.push(boxes.par_chunks(FANOUT).map(Node::over).collect());
             boxes = boxes.par_chunks(FANOUT).map(union).collect();
         }
-        Ok(Self {
-            points,
-            levels,
-            frame,
-        })
+        Ok(Self { points, levels })
+    }
+
+    /// The points in the order given.
+    pub fn into_points(self) -> Vec<DVec3> {
+        let Packed { blocks, order } = self.points;
+        let mut points = vec![DVec3::ZERO; order.len()];
+        for (place, index) in order.into_iter().enumerate() {
+            points[index as usize] = blocks[place / LANES].point(place % LANES);
+        }
+        points
     }
 
     /// How many points are indexed, at least one.
@@ -186,16 +214,20 @@ impl BlockIndex {
     /// As [`BlockIndex::distances`], but where the nearest point is not nearer than `bound` the
     /// distance is infinite: the search stops there.
     pub fn distances_below(&self, queries: &[DVec3], bound: f64) -> Vec<f64> {
-        if queries.iter().all(|query| query.is_finite()) {
-            return self.search(&Packed::new(queries, &self.frame), bound);
+        let is_finite = |&index: &u32| queries[index as usize].is_finite();
+        let kept: Vec<u32> = (0..queries.len() as u32).filter(is_finite).collect();
+        if kept.len() == queries.len() {
+            return self.search(&Packed::new(&listed(queries, Order::Any)), bound);
         }
-        let is_finite = |&index: &usize| queries[index].is_finite();
-        let kept: Vec<usize> = (0..queries.len()).filter(is_finite).collect();
-        let finite: Vec<DVec3> = kept.iter().map(|&index| queries[index]).collect();
-        let found = self.search(&Packed::new(&finite, &self.frame), bound);
+        let finite = Listed {
+            count: kept.len(),
+            at: |index| queries[kept[index] as usize],
+            order: Order::Any,
+        };
+        let found = self.search(&Packed::new(&finite), bound);
         let mut distances = vec![f64::INFINITY; queries.len()];
         for (index, found) in kept.into_iter().zip(found) {
-            distances[index] = found;
+            distances[index as usize] = found;
         }
         distances
     }
@@ -209,13 +241,20 @@ impl BlockIndex {
 
     fn search(&self, queries: &Packed, bound: f64) -> Vec<f64> {
         // One rounding above the bound's square: no distance below the bound is missed.
-        let square = (bound * bound).next_up();
-        let found: Vec<[f64; LANES]> = queries
+        let bound_square = (bound * bound).next_up();
+        let mut found = vec![[bound_square; LANES]; queries.blocks.len()];
+        queries
             .blocks
-            .par_iter()
-            .with_min_len(GROUPS)
-            .map(|group| search(self, group, [square; LANES]))
-            .collect();
+            .par_chunks(GROUPS)
+            .zip(found.par_chunks_mut(GROUPS))
+            .for_each(|(blocks, found)| {
+                let index = self;
+                wide::run(Search {
+                    index,
+                    blocks,
+                    found,
+                });
+            });
         queries.as_given(&found, |square| {
             let distance = square.sqrt();
             if distance < bound {
@@ -226,24 +265,50 @@ impl BlockIndex {
         })
     }
 
-    /// The points in blocks along this index's curve; of a short last block as many as there are.
-    pub(super) fn blocks_of(&self, points: &[DVec3]) -> Vec<Block> {
-        Packed::new(points, &self.frame).blocks
+    /// Finite points in blocks of neighbours.
+    pub(super) fn blocks_of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Vec<Block> {
+        Packed::new(points).blocks
     }
 
+    #[inline(always)]
     pub(super) fn block(&self, number: usize) -> &Block {
         &self.points.blocks[number]
     }
 
+    /// About the distance between the points of a block.
+    #[inline(always)]
+    pub(super) fn spacing_at(&self, number: usize) -> f64 {
+        let (node, k) = (&self.levels[0][number / FANOUT], number % FANOUT);
+        let side = |axis: usize| node.max[axis][k] - node.min[axis][k];
+        0.25 * square_of(side(0), side(1), side(2)).sqrt()
+    }
+
+    #[inline(always)]
     pub(super) fn levels(&self) -> &[Vec<Node>] {
         &self.levels
     }
+}
 
-    /// The chunk of 64 blocks, a node of the second level, in which the curve passes a place.
-    pub(super) fn chunk_at(&self, place: DVec3) -> usize {
-        let key = self.frame.key(place);
-        let after = self.points.keys.partition_point(|&first| first <= key);
-        after.saturating_sub(1)
+/// Neighbouring groups of queries, searched one after the other.
+struct Search<'a> {
+    index: &'a BlockIndex,
+    blocks: &'a [Block],
+    /// Per group the bounds, and in the end the least squared distances.
+    found: &'a mut [[f64; LANES]],
+}
+
+impl wide::Task for Search<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut hint = 0;
+        for (queries, found) in self.blocks.iter().zip(self.found) {
+            let mut squares = Squares { best: *found };
+            let corners = queries.bounds();
+            hint = walk(self.index, queries, corners, hint, &mut squares);
+            *found = squares.best;
+        }
     }
 }
 

@@ -1,11 +1,11 @@
 //! Order along a Hilbert curve: neighbours in the order are neighbours in space.
 
-use super::blocks::LANES;
+use super::blocks::{LANES, NOWHERE, around};
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Bits per axis of one pass.
-const BITS: u32 = 8;
+pub(crate) const BITS: u32 = 8;
 /// Cells per axis of one pass.
 const CELLS: f64 = (1 << BITS) as f64;
 /// Points that neighbour each other on the curve and are split as a tree: 64 blocks.
@@ -17,65 +17,80 @@ const SAMPLE: usize = 4096;
 /// Keys that one thread makes at a time.
 const KEYS: usize = 1 << 14;
 
-/// The indices of `points`, all finite, in Hilbert order of `frame`; at most 2³² − 1 points.
+/// The indices of `count` finite points in Hilbert order; at most 2³² − 1 points.
 ///
-/// The frame's cube is cut into 256³ cells; what lies outside counts to the nearest cell. A cell
+/// The cube around most of them is cut into 256³ cells; what lies outside counts to the nearest cell. A cell
 /// that holds many points is cut again by the cube around its own, and so on: an outlier, however
 /// far, leaves the order of the others as fine. Points in the same place stay in input order.
-pub(super) fn order(points: &[DVec3], frame: &Frame) -> Vec<u32> {
-    let mut entries: Vec<u64> = (0..points.len() as u64).collect();
-    sort(points, &mut entries, frame, &mut Vec::new());
+pub(super) fn order(count: usize, at: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<u32> {
+    let frame = Frame::of(count, at);
+    let mut entries: Vec<u64> = (0..count as u64).collect();
+    sort(at, &mut entries, &frame, &mut Vec::new());
     entries.into_iter().map(|entry| entry as u32).collect()
 }
 
-/// A point and its index.
-#[derive(Clone, Copy)]
-pub(super) struct Placed {
-    pub(super) at: DVec3,
-    pub(super) index: u32,
+/// Halves at most [`CHUNK`] points across their longest extent, again and again, down to whole
+/// blocks: boxes of a tree are tighter than those of stretches of the curve. Reorders the points'
+/// indices, and returns the points in that order.
+pub(super) fn split(at: &impl Fn(usize) -> DVec3, indices: &mut [u32]) -> Vec<DVec3> {
+    let points: Vec<DVec3> = indices.iter().map(|&index| at(index as usize)).collect();
+    let mut entries: Vec<u64> = (0..points.len() as u64).collect();
+    halve(&points, &mut entries);
+    let given = indices.to_vec();
+    let local = |entry: &u64| *entry as u32 as usize;
+    for (index, entry) in indices.iter_mut().zip(&entries) {
+        *index = given[local(entry)];
+    }
+    entries.iter().map(|entry| points[local(entry)]).collect()
 }
 
-/// Halves the points across their longest extent, again and again, down to whole blocks: boxes of a
-/// tree are tighter than those of stretches of the curve.
-pub(super) fn split(points: &mut [Placed]) {
-    let blocks = points.len().div_ceil(LANES);
+/// Orders entries, whose low halves are indices of points.
+fn halve(points: &[DVec3], entries: &mut [u64]) {
+    let blocks = entries.len().div_ceil(LANES);
     if blocks < 2 {
         return;
     }
-    let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let bounds = points
+    let at = |entry: u64| points[entry as u32 as usize];
+    let (min, max) = entries
         .iter()
-        .fold(nowhere, |(min, max), p| (min.min(p.at), max.max(p.at)));
-    let extent = bounds.1 * 0.5 - bounds.0 * 0.5;
+        .fold(NOWHERE, |corners, &entry| around(corners, at(entry)));
+    let extent = max * 0.5 - min * 0.5;
     if extent.max_element() == 0.0 {
         return;
     }
     let axis = extent.max_position();
+    let (start, scale) = (min[axis] * 0.5, f64::from(u32::MAX) / extent[axis]);
+    for entry in entries.iter_mut() {
+        // The cast takes what is past the ends to them, and NaN to 0.
+        let along = ((at(*entry)[axis] * 0.5 - start) * scale) as u32;
+        *entry = u64::from(along) << 32 | *entry & u64::from(u32::MAX);
+    }
     let middle = blocks.div_ceil(2).next_power_of_two().min(blocks - 1) * LANES;
-    points.select_nth_unstable_by(middle, |a, b| a.at[axis].total_cmp(&b.at[axis]));
-    let (lower, upper) = points.split_at_mut(middle);
-    split(lower);
-    split(upper);
+    entries.select_nth_unstable(middle);
+    let (lower, upper) = entries.split_at_mut(middle);
+    halve(points, lower);
+    halve(points, upper);
 }
 
 /// Sorts entries, whose low halves are indices of points, by the keys of their points.
-fn sort(points: &[DVec3], entries: &mut [u64], frame: &Frame, spare: &mut Vec<u64>) {
+fn sort(
+    at: &(impl Fn(usize) -> DVec3 + Sync),
+    entries: &mut [u64],
+    frame: &Frame,
+    spare: &mut Vec<u64>,
+) {
     entries.par_chunks_mut(KEYS).for_each(|chunk| {
         for entry in chunk {
             let index = *entry & u64::from(u32::MAX);
-            *entry = u64::from(frame.key(points[index as usize])) << 32 | index;
+            *entry = u64::from(frame.key(at(index as usize))) << 32 | index;
         }
     });
-    if entries.len() > 4096 {
-        radix_sort(entries, spare);
-    } else {
-        entries.sort_unstable();
-    }
+    radix_sort(entries, spare);
     for run in entries.chunk_by_mut(|a, b| a >> 32 == b >> 32) {
         if run.len() > RUN {
-            let inner = run.iter().map(|&entry| points[entry as u32 as usize]);
+            let inner = run.iter().map(|&entry| at(entry as u32 as usize));
             if let Some(frame) = Frame::around(inner) {
-                sort(points, run, &frame, spare);
+                sort(at, run, &frame, spare);
             }
         }
     }
@@ -83,24 +98,24 @@ fn sort(points: &[DVec3], entries: &mut [u64], frame: &Frame, spare: &mut Vec<u6
 
 /// A cube whose cells are numbered along the curve.
 #[derive(Debug, Clone)]
-pub(super) struct Frame {
+struct Frame {
     min: DVec3,
     cells_per_unit: f64,
 }
 
 impl Frame {
-    /// The cube in which `points`, all finite, are put in order first: the one around all of them,
+    /// The cube in which finite points are put in order first: the one around all of them,
     /// or where a few lie far off the one around the others.
-    pub(super) fn of(points: &[DVec3]) -> Self {
+    fn of(count: usize, at: &impl Fn(usize) -> DVec3) -> Self {
         let nowhere = Self {
             min: DVec3::ZERO,
             cells_per_unit: 0.0,
         };
-        let Some(all) = Self::around(points.iter().copied()) else {
+        let Some(all) = Self::around((0..count).map(at)) else {
             return nowhere;
         };
-        let step = points.len().div_ceil(SAMPLE).max(1);
-        let sample = points.iter().copied().step_by(step);
+        let step = count.div_ceil(SAMPLE).max(1);
+        let sample = (0..count).step_by(step).map(at);
         let axis = |k: usize| {
             let mut along: Vec<f64> = sample.clone().map(|point| point[k]).collect();
             along.sort_unstable_by(f64::total_cmp);
@@ -139,7 +154,8 @@ impl Frame {
     }
 
     /// The number of the cell of a finite point.
-    pub(super) fn key(&self, point: DVec3) -> u32 {
+    #[inline]
+    fn key(&self, point: DVec3) -> u32 {
         // Multiplied first, as the difference may be infinite. The cast takes what is below the
         // cube, and NaN, to 0.
         let cell = |p: f64, min: f64| {
@@ -154,10 +170,15 @@ impl Frame {
     }
 }
 
-/// Least significant digits first, the two digits of twelve bits of a key, stable.
-fn radix_sort(entries: &mut [u64], spare: &mut Vec<u64>) {
+/// Sorts entries by their keys of 24 bits, in their upper halves: least significant digits first, two
+/// digits of twelve bits, stable.
+pub(crate) fn radix_sort(entries: &mut [u64], spare: &mut Vec<u64>) {
     const DIGIT: u32 = 3 * BITS / 2;
     const DIGITS: usize = 1 << DIGIT;
+    if entries.len() < DIGITS {
+        // Entries of one key are in order of their lower halves in all uses.
+        return entries.sort_unstable();
+    }
     spare.clear();
     spare.resize(entries.len(), 0);
     let low = |entry: u64| (entry >> 32) as usize % DIGITS;
@@ -191,7 +212,8 @@ fn radix_sort(entries: &mut [u64], spare: &mut Vec<u64>) {
 static STEPS: [[u16; 64]; 32] = two_levels();
 
 /// The position of a cell along the curve (Hamilton and Rau-Chaplin, Compact Hilbert indices, 2007).
-fn hilbert(x: u32, y: u32, z: u32) -> u32 {
+#[inline]
+pub(crate) fn hilbert(x: u32, y: u32, z: u32) -> u32 {
     let (mut state, mut key) = (0usize, 0u32);
     for level in (0..BITS / 2).rev() {
         let shift = 2 * level;
@@ -276,7 +298,7 @@ mod tests {
     use crate::align::tests::scattered;
 
     fn order(points: &[DVec3]) -> Vec<u32> {
-        super::order(points, &Frame::of(points))
+        super::order(points.len(), &|index| points[index])
     }
 
     #[test]

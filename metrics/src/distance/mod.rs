@@ -4,7 +4,7 @@
 //! single queries and as the oracle that the fast way is held to, bit by bit.
 
 mod blocks;
-mod hilbert;
+pub(crate) mod hilbert;
 mod oracle;
 mod pairs;
 mod search;
@@ -17,16 +17,59 @@ pub(crate) use pairs::{PairSums, Tracker};
 use crate::error::{Error, Result};
 use glam::DVec3;
 
+/// What is known of the order of points in a list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// Nothing.
+    Any,
+    /// Neighbours in space are mostly neighbours in the list too, as [`crate::downsample::voxel`]
+    /// leaves them.
+    Spatial,
+}
+
+/// Points that a function gives by their index, each several times: no list of them need exist.
+#[derive(Debug, Clone, Copy)]
+pub struct Listed<F> {
+    /// How many.
+    pub count: usize,
+    /// The point of an index below the count.
+    pub at: F,
+    /// What is known of their order.
+    pub order: Order,
+}
+
+/// The points of a slice.
+pub fn listed(points: &[DVec3], order: Order) -> Listed<impl Fn(usize) -> DVec3 + Sync> {
+    Listed {
+        count: points.len(),
+        at: |index| points[index],
+        order,
+    }
+}
+
 /// Per point of `a` the distance to its nearest point of `b`, and the reverse, in the order given:
 /// one index per cloud serves both. Everything is infinitely far from an empty cloud. An error
 /// where a point is not finite and the other cloud is not empty.
 pub fn both_ways(a: &[DVec3], b: &[DVec3]) -> Result<(Vec<f64>, Vec<f64>)> {
-    if a.is_empty() || b.is_empty() {
-        return Ok((vec![f64::INFINITY; a.len()], vec![f64::INFINITY; b.len()]));
+    let [a, b] = both_ways_in(Order::Any, [a.to_vec(), b.to_vec()])?;
+    Ok((a.1, b.1))
+}
+
+/// As [`both_ways`], for lists in a known order, which come back beside the distances of their
+/// points. Between, only the indices are in memory.
+pub fn both_ways_in(order: Order, lists: [Vec<DVec3>; 2]) -> Result<[(Vec<DVec3>, Vec<f64>); 2]> {
+    if lists.iter().any(Vec::is_empty) {
+        return Ok(lists.map(|points| {
+            let distances = vec![f64::INFINITY; points.len()];
+            (points, distances)
+        }));
     }
-    let (a, b) = rayon::join(|| BlockIndex::new(a), || BlockIndex::new(b));
+    let index = |points: Vec<DVec3>| BlockIndex::of(&listed(&points, order));
+    let [a, b] = lists;
+    let (a, b) = rayon::join(|| index(a), || index(b));
     let (a, b) = (a?, b?);
-    Ok((b.distances_from(&a), a.distances_from(&b)))
+    let (from_a, from_b) = (b.distances_from(&a), a.distances_from(&b));
+    Ok([(a.into_points(), from_a), (b.into_points(), from_b)])
 }
 
 /// dx² + dy² + dz², rounded after each operation in this order: every search here ends in this.
@@ -36,20 +79,20 @@ pub(crate) fn squared_distance(a: DVec3, b: DVec3) -> f64 {
 }
 
 /// That there is at least one point, no more than indices reach, and all are finite.
-fn check_points(points: &[DVec3]) -> Result<()> {
+fn check_points(points: &Listed<impl Fn(usize) -> DVec3>) -> Result<()> {
     let what = "nearest-point index";
-    if points.is_empty() {
+    if points.count == 0 {
         return Err(Error::invalid(
             what,
             "expected at least one point, found none",
         ));
     }
-    if points.len() >= u32::MAX as usize {
-        let problem = format!("expected at most 4294967294 points, found {}", points.len());
+    if points.count >= u32::MAX as usize {
+        let problem = format!("expected at most 4294967294 points, found {}", points.count);
         return Err(Error::invalid(what, problem));
     }
-    if let Some(index) = points.iter().position(|point| !point.is_finite()) {
-        let point = points[index];
+    if let Some(index) = (0..points.count).find(|&index| !(points.at)(index).is_finite()) {
+        let point = (points.at)(index);
         let problem =
             format!("expected finite points, found {point} at {index}: drop such points first");
         return Err(Error::invalid(what, problem));

@@ -1,6 +1,6 @@
 //! Nearest points by kiddo's tree: the crate's only user of kiddo.
 
-use super::{check_points, squared_distance};
+use super::{Order, check_points, listed, squared_distance};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -21,7 +21,7 @@ impl std::fmt::Debug for NearestIndex {
 impl NearestIndex {
     /// An index over `points`: at least one, all finite, at most 2³² − 2. Equal points are fine.
     pub fn new(points: &[DVec3]) -> Result<Self> {
-        check_points(points)?;
+        check_points(&listed(points, Order::Any))?;
         let rows: Vec<[f64; 3]> = points.iter().map(|point| point.to_array()).collect();
         let tree = ImmutableKdTree::new_from_slice(&rows)
             .map_err(|error| Error::invalid("nearest-point index", error.to_string()))?;

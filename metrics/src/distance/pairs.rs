@@ -2,11 +2,15 @@
 //!
 //! A point is searched for only when its partner may have changed: after a search every target but
 //! the partner is known to be at least so far away; while the partner is nearer than that, less the
-//! distance moved since, nothing else can be.
+//! way gone since, nothing else can be.
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one index runs over several columns"
+)]
 
-use super::blocks::{Block, BlockIndex, LANES};
-use super::search::{Found, walk};
-use super::squared_distance;
+use super::blocks::{Block, BlockIndex, LANES, NOWHERE, around};
+use super::search::{Found, joined, smaller, square_of, squares, walk};
+use super::{Listed, wide};
 use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 
@@ -14,8 +18,8 @@ use rayon::prelude::*;
 const GROUPS: usize = 64;
 /// How far past the maximal distance a search looks, so that it need not look again soon.
 const BEYOND: f64 = 1.05;
-/// Keeps comparisons of sums of rounded distances safe: far above their relative error.
-const SAFETY: f64 = 1.0 - 1e-12;
+/// Keeps comparisons of sums of distances safe that are kept as f32: far above their relative error.
+const SAFETY: f64 = 1.0 - 1e-6;
 /// No partner.
 const NONE: u32 = u32::MAX;
 
@@ -37,17 +41,6 @@ pub(crate) struct PairSums {
 }
 
 impl PairSums {
-    fn add(&mut self, square: f64, source: DVec3, target: DVec3) {
-        self.pairs += 1;
-        self.squares += square;
-        self.source += source;
-        self.target += target;
-        self.cross[0] += target * source.x;
-        self.cross[1] += target * source.y;
-        self.cross[2] += target * source.z;
-        self.source_squares += source.length_squared();
-    }
-
     fn join(mut self, other: &Self) -> Self {
         self.pairs += other.pairs;
         self.squares += other.squares;
@@ -75,137 +68,239 @@ pub(crate) struct Tracker<'a> {
 struct Group {
     /// Where they are.
     at: Block,
-    /// Where they were when last searched for.
-    anchor: Block,
     /// The places of their partners in the index's blocks, or [`NONE`].
     partner: [u32; LANES],
-    /// No target but the partner was nearer to the anchor than this.
-    others: [f64; LANES],
+    /// No target but the partner is nearer than this; 0 before the first search.
+    others: [f32; LANES],
 }
 
 impl<'a> Tracker<'a> {
     /// Tracks finite `source` points, at least one; sums are taken about `centre`.
-    pub(crate) fn new(
+    pub(crate) fn new<F: Fn(usize) -> DVec3 + Sync>(
         index: &'a BlockIndex,
-        source: &[DVec3],
+        source: &Listed<F>,
         max_distance: f64,
         centre: DVec3,
     ) -> Self {
         let group = |at: Block| Group {
-            anchor: at.clone(),
             at,
             partner: [NONE; LANES],
             others: [0.0; LANES],
         };
+        let blocks = BlockIndex::blocks_of(source);
         Self {
             index,
             max_distance,
             centre,
-            groups: index.blocks_of(source).into_iter().map(group).collect(),
-            asked: source.len(),
+            groups: blocks.into_iter().map(group).collect(),
+            asked: source.count,
         }
     }
 
     /// Moves all points, finds their partners and sums over the pairs.
     pub(crate) fn moved(&mut self, motion: DMat4) -> PairSums {
         let (index, max_distance, centre) = (self.index, self.max_distance, self.centre);
-        let last = self.asked - (self.groups.len() - 1) * LANES;
-        let count = self.groups.len();
+        let (asked, chunk_size) = (self.asked, GROUPS * LANES);
         let sums: Vec<PairSums> = self
             .groups
             .par_chunks_mut(GROUPS)
             .enumerate()
             .map(|(chunk, groups)| {
-                let mut sums = PairSums::default();
-                for (k, group) in groups.iter_mut().enumerate() {
-                    group.move_by(motion);
-                    group.pair(index, max_distance);
-                    let lanes = if chunk * GROUPS + k + 1 == count {
-                        last
-                    } else {
-                        LANES
-                    };
-                    group.sum(index, max_distance, centre, lanes, &mut sums);
-                }
-                sums
+                wide::run(Step {
+                    index,
+                    max_distance,
+                    centre,
+                    motion,
+                    asked: (asked - chunk * chunk_size).min(chunk_size),
+                    groups,
+                })
             })
             .collect();
         sums.iter().fold(PairSums::default(), PairSums::join)
     }
 }
 
+/// One motion of neighbouring groups.
+struct Step<'a> {
+    index: &'a BlockIndex,
+    max_distance: f64,
+    centre: DVec3,
+    motion: DMat4,
+    groups: &'a mut [Group],
+    /// Points in the groups.
+    asked: usize,
+}
+
+impl wide::Task for Step<'_> {
+    type Output = PairSums;
+
+    #[inline(always)]
+    fn run(self) -> PairSums {
+        let mut sums = LaneSums::default();
+        let mut hint = 0;
+        for (number, group) in self.groups.iter_mut().enumerate() {
+            let steps = group.move_by(self.motion);
+            let lanes = (self.asked - number * LANES).min(LANES);
+            hint = group.pair(self.index, self.max_distance, lanes, &steps, hint);
+            let partners = group.partners(self.index);
+            let bound = self.max_distance * self.max_distance;
+            sums.add(&group.at, &partners, lanes, bound, self.centre);
+        }
+        sums.total()
+    }
+}
+
 impl Group {
-    fn move_by(&mut self, motion: DMat4) {
+    /// Moves the points; the distances moved.
+    #[inline(always)]
+    fn move_by(&mut self, motion: DMat4) -> [f64; LANES] {
+        let mut steps = [0.0; LANES];
+        let (a, b, c, d) = (motion.x_axis, motion.y_axis, motion.z_axis, motion.w_axis);
+        let at = &mut self.at;
         for lane in 0..LANES {
-            let at = motion.transform_point3(self.at.point(lane));
-            self.at.set(lane, at);
+            let (x, y, z) = (at.x[lane], at.y[lane], at.z[lane]);
+            // As `transform_point3` adds them.
+            let moved_x = a.x * x + b.x * y + c.x * z + d.x;
+            let moved_y = a.y * x + b.y * y + c.y * z + d.y;
+            let moved_z = a.z * x + b.z * y + c.z * z + d.z;
+            steps[lane] = square_of(moved_x - x, moved_y - y, moved_z - z).sqrt();
+            (at.x[lane], at.y[lane], at.z[lane]) = (moved_x, moved_y, moved_z);
         }
+        steps
     }
 
-    fn partner_at(&self, index: &BlockIndex, lane: usize) -> Option<DVec3> {
-        let place = self.partner[lane] as usize;
-        let paired = self.partner[lane] != NONE;
-        paired.then(|| index.block(place / LANES).point(place % LANES))
-    }
-
-    /// Searches for the lanes whose partner may have changed.
-    fn pair(&mut self, index: &BlockIndex, max_distance: f64) {
-        let ceiling = (max_distance * BEYOND).powi(2).next_up();
-        let mut found = Nearest::NOTHING;
-        let mut stale = 0u32;
+    /// The partners' positions; at infinity where there is none.
+    #[inline(always)]
+    fn partners(&self, index: &BlockIndex) -> Block {
+        let mut partners = Block::EMPTY;
         for lane in 0..LANES {
-            let at = self.at.point(lane);
-            let motion = squared_distance(at, self.anchor.point(lane)).sqrt();
-            let known = match self.partner_at(index, lane) {
-                Some(partner) => squared_distance(at, partner),
-                None => f64::INFINITY,
-            };
-            let reached = known.sqrt().min(max_distance);
-            if reached + motion < self.others[lane] * SAFETY {
-                continue;
-            }
-            stale |= 1 << lane;
-            found.best[lane] = known;
-            found.partner[lane] = self.partner[lane];
-            // Far enough to meet all that may be nearer than the partner, and most likely the next
-            // one too: the nearest of the others was at `others` and cannot have moved further.
-            let reach = ((self.others[lane] + motion) / SAFETY).max(known.sqrt() / SAFETY);
-            let searched = self.others[lane] > 0.0;
-            let square = if searched {
-                (reach * reach).next_up()
+            let place = self.partner[lane] as usize;
+            let partner = if self.partner[lane] == NONE {
+                DVec3::INFINITY
             } else {
-                ceiling
+                index.block(place / LANES).point(place % LANES)
             };
-            found.second[lane] = square.min(ceiling);
+            partners.set(lane, partner);
         }
-        if stale == 0 {
-            return;
-        }
-        walk(index, &self.at, &mut found);
-        for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {
-            self.anchor.set(lane, self.at.point(lane));
-            self.partner[lane] = found.partner[lane];
-            self.others[lane] = found.second[lane].sqrt();
-        }
+        partners
     }
 
-    fn sum(
-        &self,
+    /// Searches for the lanes whose partner may have changed, from the block `hint` on; a hint for
+    /// the next group.
+    #[inline(always)]
+    fn pair(
+        &mut self,
         index: &BlockIndex,
         max_distance: f64,
-        centre: DVec3,
         lanes: usize,
-        sums: &mut PairSums,
-    ) {
-        for lane in 0..lanes {
-            let Some(partner) = self.partner_at(index, lane) else {
-                continue;
-            };
-            let at = self.at.point(lane);
-            let square = squared_distance(at, partner);
-            if square < max_distance * max_distance {
-                sums.add(square, at - centre, partner - centre);
+        steps: &[f64; LANES],
+        hint: usize,
+    ) -> usize {
+        let partners = self.partners(index);
+        let mut known = [0.0; LANES];
+        let mut stale = 0u32;
+        for lane in 0..LANES {
+            known[lane] = squared_distance_at(&self.at, &partners, lane).sqrt();
+            let others = (f64::from(self.others[lane]) - steps[lane]) * SAFETY;
+            self.others[lane] = others as f32;
+            let kept = smaller(known[lane], max_distance) < others;
+            stale |= u32::from(!kept) << lane;
+        }
+        stale &= (1 << lanes) - 1;
+        if stale == 0 {
+            return hint;
+        }
+        let ceiling = (max_distance * BEYOND).powi(2).next_up();
+        let mut found = Nearest::NOTHING;
+        let (mut corners, mut start) = (NOWHERE, hint);
+        for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {
+            corners = around(corners, self.at.point(lane));
+            found.second[lane] = ceiling;
+            if self.partner[lane] != NONE {
+                // Far enough to meet what may be nearer than the partner, and most likely the next.
+                start = self.partner[lane] as usize / LANES;
+                let reach = known[lane] / SAFETY + steps[lane] + index.spacing_at(start);
+                found.second[lane] = smaller((reach * reach).next_up(), ceiling);
             }
+        }
+        let next = walk(index, &self.at, corners, start, &mut found);
+        for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {
+            let second = found.second[lane];
+            self.partner[lane] = found.partner[lane];
+            self.others[lane] = smaller(second.sqrt() * SAFETY, f64::from(f32::MAX)) as f32;
+        }
+        next
+    }
+}
+
+#[inline(always)]
+fn squared_distance_at(a: &Block, b: &Block, lane: usize) -> f64 {
+    square_of(
+        a.x[lane] - b.x[lane],
+        a.y[lane] - b.y[lane],
+        a.z[lane] - b.z[lane],
+    )
+}
+
+/// [`PairSums`], lane by lane: the same at any width of registers.
+#[derive(Default)]
+struct LaneSums {
+    pairs: usize,
+    squares: [f64; LANES],
+    source: Block3,
+    target: Block3,
+    cross: [Block3; 3],
+    source_squares: [f64; LANES],
+}
+
+/// Three columns of sums.
+type Block3 = [[f64; LANES]; 3];
+
+impl LaneSums {
+    /// Adds the pairs of the first lanes whose square is below the bound.
+    #[inline(always)]
+    fn add(&mut self, at: &Block, partners: &Block, lanes: usize, bound: f64, centre: DVec3) {
+        for lane in 0..LANES {
+            let square = squared_distance_at(at, partners, lane);
+            let paired = square < bound && lane < lanes;
+            let or_zero = |value: f64| if paired { value } else { 0.0 };
+            self.pairs += usize::from(paired);
+            self.squares[lane] += or_zero(square);
+            let source = [
+                or_zero(at.x[lane] - centre.x),
+                or_zero(at.y[lane] - centre.y),
+                or_zero(at.z[lane] - centre.z),
+            ];
+            let target = [
+                or_zero(partners.x[lane] - centre.x),
+                or_zero(partners.y[lane] - centre.y),
+                or_zero(partners.z[lane] - centre.z),
+            ];
+            for row in 0..3 {
+                self.source[row][lane] += source[row];
+                self.target[row][lane] += target[row];
+                for column in 0..3 {
+                    self.cross[column][row][lane] += target[row] * source[column];
+                }
+            }
+            self.source_squares[lane] += square_of(source[0], source[1], source[2]);
+        }
+    }
+
+    fn total(&self) -> PairSums {
+        let sum = |lanes: &[f64; LANES]| lanes.iter().sum::<f64>();
+        let vector = |rows: &Block3| DVec3::new(sum(&rows[0]), sum(&rows[1]), sum(&rows[2]));
+        PairSums {
+            pairs: self.pairs,
+            squares: sum(&self.squares),
+            source: vector(&self.source),
+            target: vector(&self.target),
+            cross: [
+                vector(&self.cross[0]),
+                vector(&self.cross[1]),
+                vector(&self.cross[2]),
+            ],
+            source_squares: sum(&self.source_squares),
         }
     }
 }
@@ -213,6 +308,7 @@ impl Group {
 /// Per lane the nearest target found, and how far away all others are at least, squared.
 struct Nearest {
     best: [f64; LANES],
+    /// Its place in the index's blocks.
     partner: [u32; LANES],
     /// 0 where nothing is asked for.
     second: [f64; LANES],
@@ -220,39 +316,39 @@ struct Nearest {
 
 impl Nearest {
     const NOTHING: Self = Self {
-        best: [0.0; LANES],
+        best: [f64::INFINITY; LANES],
         partner: [NONE; LANES],
         second: [0.0; LANES],
     };
-
-    fn take(&mut self, lane: usize, square: f64, place: u32) {
-        if place == self.partner[lane] {
-            return;
-        }
-        if square < self.best[lane] {
-            self.second[lane] = self.best[lane].min(self.second[lane]);
-            self.best[lane] = square;
-            self.partner[lane] = place;
-        } else if square < self.second[lane] {
-            self.second[lane] = square;
-        }
-    }
 }
 
 impl Found for Nearest {
+    #[inline(always)]
     fn bounds(&self) -> &[f64; LANES] {
         &self.second
     }
 
+    #[inline(always)]
     fn meet(&mut self, number: usize, block: &Block, lane: usize, query: DVec3) {
-        let mut squares = [0.0; LANES];
-        for (k, square) in squares.iter_mut().enumerate() {
-            *square = squared_distance(query, block.point(k));
+        let squares = squares(block, query);
+        let (mut best, mut second) = (self.best[lane], self.second[lane]);
+        let mut bits = [0u64; LANES];
+        for k in 0..LANES {
+            bits[k] = if squares[k] < second { 1 << k } else { 0 };
         }
-        for (k, &square) in squares.iter().enumerate() {
-            if square < self.second[lane] {
-                self.take(lane, square, (number * LANES + k) as u32);
+        let mut near = joined(&bits);
+        while near != 0 {
+            let k = near.trailing_zeros() as usize % LANES;
+            let square = squares[k];
+            if square < best {
+                second = smaller(best, second);
+                best = square;
+                self.partner[lane] = (number * LANES + k) as u32;
+            } else {
+                second = smaller(square, second);
             }
+            near &= near - 1;
         }
+        (self.best[lane], self.second[lane]) = (best, second);
     }
 }

@@ -8,11 +8,8 @@
 )]
 
 use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES, Node};
-use super::wide;
 use glam::DVec3;
 
-/// Points of a block that are looked at side by side.
-pub(super) const COLUMNS: usize = 4;
 /// Deepest stack: a node leaves at most seven siblings waiting on each of its levels.
 const STACK: usize = FANOUT * 12;
 
@@ -26,42 +23,19 @@ struct Visit {
 
 /// What a search has found for each of its queries.
 pub(super) trait Found {
-    /// Per lane the squared distance from which on points are of no interest.
+    /// Per query the squared distance from which on points are of no interest.
     fn bounds(&self) -> &[f64; LANES];
 
-    /// Takes note of a block that may hold a point of interest for a lane.
+    /// Takes note of a block that may hold a point of interest for the query of a lane.
     fn meet(&mut self, number: usize, block: &Block, lane: usize, query: DVec3);
 }
 
-/// Per lane of `queries` the squared distance of the nearest point, or the bound that it came with.
-pub(super) fn search(index: &BlockIndex, queries: &Block, bounds: [f64; LANES]) -> [f64; LANES] {
-    wide::search(index, queries, bounds)
-        .unwrap_or_else(|| search_with(index, queries, bounds, lower_portable))
+/// Per query the squared distance of its nearest point, or the bound that it came with.
+pub(super) struct Squares {
+    pub(super) best: [f64; LANES],
 }
 
-/// The search, with the innermost loop given: it is compiled once per kind of processor.
-#[inline(always)]
-pub(super) fn search_with(
-    index: &BlockIndex,
-    queries: &Block,
-    bounds: [f64; LANES],
-    lower: impl Fn(&Block, DVec3, &mut [f64; COLUMNS]),
-) -> [f64; LANES] {
-    let mut found = Squares {
-        best: bounds,
-        lower,
-    };
-    walk(index, queries, &mut found);
-    found.best
-}
-
-/// The least squared distances, and the innermost loop.
-struct Squares<F> {
-    best: [f64; LANES],
-    lower: F,
-}
-
-impl<F: Fn(&Block, DVec3, &mut [f64; COLUMNS])> Found for Squares<F> {
+impl Found for Squares {
     #[inline(always)]
     fn bounds(&self) -> &[f64; LANES] {
         &self.best
@@ -69,40 +43,50 @@ impl<F: Fn(&Block, DVec3, &mut [f64; COLUMNS])> Found for Squares<F> {
 
     #[inline(always)]
     fn meet(&mut self, _: usize, block: &Block, lane: usize, query: DVec3) {
-        let mut columns = [self.best[lane]; COLUMNS];
-        (self.lower)(block, query, &mut columns);
-        let (a, b) = (
-            smaller(columns[0], columns[1]),
-            smaller(columns[2], columns[3]),
-        );
+        let squares = squares(block, query);
+        let mut least = [self.best[lane]; LANES / 2];
+        for k in 0..LANES / 2 {
+            let lower = smaller(squares[k], least[k]);
+            least[k] = smaller(squares[k + LANES / 2], lower);
+        }
+        let mut four = [0.0; 4];
+        for k in 0..4 {
+            four[k] = smaller(least[k], least[k + 4]);
+        }
+        let (a, b) = (smaller(four[0], four[2]), smaller(four[1], four[3]));
         self.best[lane] = smaller(a, b);
     }
 }
 
-/// A block near the middle of the queries, on their stretch of the curve.
+/// The squared distances from a query to the points of a block.
 #[inline(always)]
-fn first_look(index: &BlockIndex, (min, max): Corners) -> usize {
-    let middle = min * 0.5 + max * 0.5;
-    let chunk = index.chunk_at(middle);
-    if index.levels().len() == 1 {
-        return closest(&index.levels()[0][0], middle);
+pub(super) fn squares(block: &Block, query: DVec3) -> [f64; LANES] {
+    let mut squares = [0.0; LANES];
+    for k in 0..LANES {
+        squares[k] = square_of(
+            block.x[k] - query.x,
+            block.y[k] - query.y,
+            block.z[k] - query.z,
+        );
     }
-    let node = chunk * FANOUT + closest(&index.levels()[1][chunk], middle);
-    node * FANOUT + closest(&index.levels()[0][node], middle)
+    squares
 }
 
+/// Shows to `found` every block that its bounds do not rule out. `corners` is the box around the
+/// queries that have a bound above 0.
+///
+/// The block of number `hint` is looked at first: one near the queries saves detours. Returns the
+/// nearest block, a good hint for neighbouring queries.
 #[inline(always)]
-fn closest(node: &Node, point: DVec3) -> usize {
-    let gaps = gaps(node, (point, point));
-    (1..FANOUT).fold(0, |best, k| if gaps[k] < gaps[best] { k } else { best })
-}
-
-/// Shows to `found` every block that its bounds do not rule out.
-#[inline(always)]
-pub(super) fn walk(index: &BlockIndex, queries: &Block, found: &mut impl Found) {
-    let corners = queries.bounds();
-    scan(index, first_look(index, corners), queries, found);
-    let mut reach = farthest(found.bounds());
+pub(super) fn walk(
+    index: &BlockIndex,
+    queries: &Block,
+    corners: Corners,
+    hint: usize,
+    found: &mut impl Found,
+) -> usize {
+    let mut reach = scan(index, hint, queries, farthest(found.bounds()), found);
+    let mut nearest = None;
     let root = Visit {
         gap: 0.0,
         level: index.levels().len() as u32,
@@ -116,112 +100,123 @@ pub(super) fn walk(index: &BlockIndex, queries: &Block, found: &mut impl Found) 
         if visit.gap >= reach {
             continue;
         }
-        let child = visit.index as usize;
+        let number = visit.index as usize;
         if visit.level == 0 {
-            scan(index, child, queries, found);
-            reach = farthest(found.bounds());
+            nearest = nearest.or(Some(number));
+            if number != hint {
+                reach = scan(index, number, queries, reach, found);
+            }
             continue;
         }
         let level = visit.level - 1;
-        let gaps = gaps(&index.levels()[level as usize][child], corners);
+        let (gaps, mut open) = gaps(&index.levels()[level as usize][number], corners, reach);
         let siblings = waiting;
-        for (k, &gap) in gaps.iter().enumerate() {
-            if gap < reach {
-                let mut place = waiting;
-                while place > siblings && stack[place - 1].gap < gap {
-                    stack[place] = stack[place - 1];
-                    place -= 1;
-                }
-                stack[place] = Visit {
-                    gap,
-                    level,
-                    index: (child * FANOUT + k) as u32,
-                };
-                waiting += 1;
+        while open != 0 {
+            let k = open.trailing_zeros() as usize % FANOUT;
+            let gap = gaps[k];
+            let mut place = waiting;
+            while place > siblings && stack[place - 1].gap < gap {
+                stack[place] = stack[place - 1];
+                place -= 1;
             }
+            let index = (number * FANOUT + k) as u32;
+            stack[place] = Visit { gap, level, index };
+            waiting += 1;
+            open &= open - 1;
         }
     }
+    nearest.unwrap_or(hint)
 }
 
+/// Shows a block to `found` for the queries that may be near enough; the reach after that.
 #[inline(always)]
-fn farthest(best: &[f64; LANES]) -> f64 {
-    best.iter().fold(0.0, |a, &b| if b > a { b } else { a })
-}
-
-/// The larger; the second where either is NaN. One machine instruction.
-#[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-#[inline(always)]
-fn smaller(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
-/// The squared gaps between a box and the boxes of a node's children.
-#[inline(always)]
-fn gaps(node: &Node, (min, max): Corners) -> [f64; FANOUT] {
-    let mut gaps = [0.0; FANOUT];
-    for k in 0..FANOUT {
-        let x = larger(node.min[0][k] - max.x, min.x - node.max[0][k]);
-        let y = larger(node.min[1][k] - max.y, min.y - node.max[1][k]);
-        let z = larger(node.min[2][k] - max.z, min.z - node.max[2][k]);
-        gaps[k] = square_of(larger(x, 0.0), larger(y, 0.0), larger(z, 0.0));
-    }
-    gaps
-}
-
-/// Shows a block to `found` for the lanes that may be near enough.
-#[inline(always)]
-fn scan(index: &BlockIndex, number: usize, queries: &Block, found: &mut impl Found) {
-    let block = index.block(number);
+fn scan(
+    index: &BlockIndex,
+    number: usize,
+    queries: &Block,
+    reach: f64,
+    found: &mut impl Found,
+) -> f64 {
     let (min, max) = index.levels()[0][number / FANOUT].child(number % FANOUT);
-    let mut gaps = [0.0; LANES];
+    let bounds = found.bounds();
+    let mut bits = [0u64; LANES];
     for lane in 0..LANES {
         let x = larger(min.x - queries.x[lane], queries.x[lane] - max.x);
         let y = larger(min.y - queries.y[lane], queries.y[lane] - max.y);
         let z = larger(min.z - queries.z[lane], queries.z[lane] - max.z);
-        gaps[lane] = square_of(larger(x, 0.0), larger(y, 0.0), larger(z, 0.0));
+        let gap = square_of(larger(x, 0.0), larger(y, 0.0), larger(z, 0.0));
+        bits[lane] = if gap < bounds[lane] { 1 << lane } else { 0 };
     }
-    let mut open = 0u32;
-    let bounds = found.bounds();
-    for lane in 0..LANES {
-        open |= u32::from(gaps[lane] < bounds[lane]) << lane;
+    let mut open = joined(&bits);
+    if open == 0 {
+        return reach;
     }
+    let block = index.block(number);
     while open != 0 {
         let lane = open.trailing_zeros() as usize % LANES;
         found.meet(number, block, lane, queries.point(lane));
         open &= open - 1;
     }
+    farthest(found.bounds())
 }
 
-/// Lowers column k by the points k, k + 4, k + 8, … of a block.
+/// All bits of the lanes. Lanes are as wide as distances, for their masks.
 #[inline(always)]
-pub(super) fn lower(block: &Block, query: DVec3, columns: &mut [f64; COLUMNS]) {
-    let mut least = *columns;
-    for first in (0..LANES).step_by(COLUMNS) {
-        for column in 0..COLUMNS {
-            let k = first + column;
-            let (x, y, z) = (
-                block.x[k] - query.x,
-                block.y[k] - query.y,
-                block.z[k] - query.z,
-            );
-            least[column] = smaller(square_of(x, y, z), least[column]);
+pub(super) fn joined<const N: usize>(lanes: &[u64; N]) -> u32 {
+    let mut joined = [0; 4];
+    for first in (0..N).step_by(4) {
+        for k in 0..4 {
+            joined[k] |= lanes[first + k];
         }
     }
-    *columns = least;
+    (joined[0] | joined[1] | joined[2] | joined[3]) as u32
 }
 
-/// Never inlined: fused with the search for the least column, it is cut into narrower operations.
-#[inline(never)]
-fn lower_portable(block: &Block, query: DVec3, columns: &mut [f64; COLUMNS]) {
-    lower(block, query, columns);
+/// The largest of sixteen numbers that are not NaN, at least 0.
+#[inline(always)]
+fn farthest(best: &[f64; LANES]) -> f64 {
+    let mut largest = [0.0; 4];
+    for first in (0..LANES).step_by(4) {
+        for k in 0..4 {
+            largest[k] = larger(best[first + k], largest[k]);
+        }
+    }
+    larger(
+        larger(largest[0], largest[1]),
+        larger(largest[2], largest[3]),
+    )
+}
+
+/// The larger; the second where either is NaN. One machine instruction.
+#[inline(always)]
+pub(super) fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The smaller; the second where either is NaN.
+#[inline(always)]
+pub(super) fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// The squared gaps between a box and the boxes of a node's children, and a bit for each that is
+/// below the reach.
+#[inline(always)]
+fn gaps(node: &Node, (min, max): Corners, reach: f64) -> ([f64; FANOUT], u32) {
+    let mut gaps = [0.0; FANOUT];
+    let mut bits = [0u64; FANOUT];
+    for k in 0..FANOUT {
+        let x = larger(node.min[0][k] - max.x, min.x - node.max[0][k]);
+        let y = larger(node.min[1][k] - max.y, min.y - node.max[1][k]);
+        let z = larger(node.min[2][k] - max.z, min.z - node.max[2][k]);
+        gaps[k] = square_of(larger(x, 0.0), larger(y, 0.0), larger(z, 0.0));
+        bits[k] = if gaps[k] < reach { 1 << k } else { 0 };
+    }
+    (gaps, joined(&bits))
 }
 
 /// As [`super::squared_distance`] adds it.
 #[inline(always)]
-fn square_of(x: f64, y: f64, z: f64) -> f64 {
+pub(super) fn square_of(x: f64, y: f64, z: f64) -> f64 {
     x * x + y * y + z * z
 }

@@ -75,7 +75,7 @@ pub(super) fn finite(
     warnings: &Warnings,
 ) -> Result<FinitePoints> {
     let points = FinitePoints::of_cloud(cloud);
-    if points.positions().is_empty() {
+    if points.is_empty() {
         let problem = format!(
             "expected finite points, found {}, all at NaN or infinity",
             points.input()

@@ -7,8 +7,7 @@ use crate::jobs::OutDir;
 use crate::report::curve_svg::{self, Curves};
 use crate::report::{colormap, record};
 use crate::score::{Evaluation, Side};
-use mvs_datasets::format::ply::{self, PlyOptions, ScalarColumn};
-use mvs_datasets::scene::PointCloud;
+use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
 use mvs_metrics::{Curve, Tolerance};
 use std::io::Write;
 
@@ -43,24 +42,22 @@ pub(super) fn write_all(
 /// the distance d itself as a scalar `error` in world units.
 fn write_errors(out: &OutDir, name: &str, side: &Side, tolerance: Tolerance) -> Result<()> {
     let reach = COLOR_STRETCH * tolerance.get();
-    let color = |&distance: &f64| colormap::hot_r(distance.min(reach) / reach);
-    let errors: Vec<f32> = side
-        .distances
-        .iter()
-        .map(|&distance| distance as f32)
-        .collect();
-    let cloud = PointCloud::new(side.points.clone())
-        .with_colors(side.distances.iter().map(color).collect())?;
-    let scalars = [ScalarColumn {
-        name: "error",
-        values: &errors,
-    }];
-    let options = PlyOptions {
-        double: true,
-        ..PlyOptions::default()
-    };
+    let double = ["x", "y", "z"].map(|name| (name, Scalar::Double));
+    let uchar = ["red", "green", "blue"].map(|name| (name, Scalar::Uchar));
+    let properties = [&double[..], &uchar, &[("error", Scalar::Float)]].concat();
     out.write(name, |file| {
-        ply::write_cloud(file, &cloud, &scalars, &options)
+        let mut writer = StreamWriter::new(file, &properties, &[])?;
+        let mut row = Vec::with_capacity(32);
+        for (point, &distance) in side.points.iter().zip(&side.distances) {
+            row.clear();
+            for along in point.to_array() {
+                row.extend(along.to_le_bytes());
+            }
+            row.extend(colormap::hot_r(distance.min(reach) / reach));
+            row.extend((distance as f32).to_le_bytes());
+            writer.write(&row)?;
+        }
+        writer.finish().map(|_| ())
     })
 }
 

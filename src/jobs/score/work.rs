@@ -16,7 +16,7 @@ use crate::score::sample::MeshAs;
 use crate::score::tnt::{self, Motion, Profile, Start};
 use crate::score::{Evaluation, bootstrap};
 use crate::warning::Warnings;
-use glam::{DMat4, DVec3};
+use glam::DMat4;
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::tnt::TntFolder;
 use mvs_datasets::scene::Aabb;
@@ -206,9 +206,9 @@ impl<'a> Work<'a> {
         truth: &FinitePoints,
         motion: DMat4,
     ) -> Result<Vec<Gate>> {
-        let moved = reconstruction.positions().iter();
-        let moved = Aabb::around(moved.map(|&point: &DVec3| motion.transform_point3(point)));
-        let truth = Aabb::around(truth.positions().iter().copied());
+        let moved = reconstruction.iter();
+        let moved = Aabb::around(moved.map(|point| motion.transform_point3(point)));
+        let truth = Aabb::around(truth.iter());
         Ok(vec![
             gates::of_crop(evaluation, &moved, &truth),
             gates::of_tolerances(evaluation, self.plan.tolerances[0])?,
