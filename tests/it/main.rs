@@ -15,6 +15,7 @@ mod depth;
 mod formats;
 mod fuse;
 mod generate;
+mod goldens;
 mod meshes;
 mod pairs;
 mod parity;

@@ -1,6 +1,7 @@
 //! Scoring held to what Open3D 0.20 gave for a real pair of clouds and for scenes from formulas.
 
 mod batch;
+mod extremes;
 mod faults;
 mod fixture;
 mod official;
