@@ -145,6 +145,9 @@ mod tests {
         // FIPS 180-4's examples.
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
+        let put = |path: &Path, text: &str| {
+            files::write_atomically(path, |out| out.write_all(text.as_bytes())).unwrap();
+        };
         for (text, expected) in [
             (
                 "",
@@ -155,11 +158,11 @@ mod tests {
                 "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
             ),
         ] {
-            std::fs::write(&path, text).unwrap();
+            put(&path, text);
             assert_eq!(sha256(&path).unwrap(), expected);
         }
         let million = "a".repeat(1_000_000);
-        std::fs::write(&path, million).unwrap();
+        put(&path, &million);
         let expected = "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0";
         assert_eq!(sha256(&path).unwrap(), expected);
         assert!(sha256(&folder.path().join("missing")).is_err());

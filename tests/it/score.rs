@@ -6,6 +6,7 @@ mod faults;
 mod fixture;
 mod official;
 mod plain;
+mod real;
 
 use crate::support::real_data;
 use mvs_datasets::layout::files::write_atomically;

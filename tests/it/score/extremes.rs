@@ -4,7 +4,7 @@
 use super::fixture::{self, Fixture, bumps, read, unit};
 use super::{failed, run};
 use glam::{DMat4, DVec3};
-use mvs_eval::jobs::score::{Counts, Protocol, ScoreDocument, ScoreJob};
+use mvs_eval::jobs::score::{Counts, ScoreDocument, ScoreJob};
 
 /// Multiples of 2⁻²⁰: sums with multiples of it below 2³² are exact.
 fn dyadic(value: f64) -> f64 {
