@@ -23,6 +23,10 @@ fn file() -> PathBuf {
 }
 
 fn checked_in(scene: &str) -> Vec<Number> {
+    // While the numbers are written there is nothing to compare with.
+    if std::env::var_os(UPDATE).is_some() {
+        return Vec::new();
+    }
     let mut reader = csv::Reader::from_path(file()).unwrap();
     let rows = reader.deserialize::<Number>().map(Result::unwrap);
     rows.filter(|row| row.scene == scene).collect()
@@ -145,6 +149,9 @@ fn a_stage_broken_on_purpose_is_the_one_named() {
 
 #[test]
 fn the_goldens_hold_every_scene_mode_and_profile_and_make_sense() {
+    if std::env::var_os(UPDATE).is_some() {
+        return;
+    }
     for (scene, _) in fixtures() {
         let rows = checked_in(scene);
         let value = |variant: &str, quantity: &str| {

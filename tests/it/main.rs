@@ -12,6 +12,7 @@ mod augment;
 mod cli;
 mod demo;
 mod depth;
+mod extremes;
 mod formats;
 mod fuse;
 mod generate;

@@ -90,20 +90,12 @@ fn faults_of_a_real_log_are_named() {
     let pair = Pair::new(&data);
     let (code, said, good) = pair.by_cameras("good");
     assert_eq!(code, Some(0), "{said}");
-    for gate in &good.gates {
-        eprintln!(
-            "{} {:?} in {:?} … {:?}",
-            gate.code, gate.value, gate.min, gate.max
-        );
-    }
-
     let mut poses = pair.poses.clone();
     poses.rotate_left(3);
     pair.put_log(&poses);
-    let (code, said, document) = pair.by_cameras("shifted");
+    let (code, said, _) = pair.by_cameras("shifted");
     assert_eq!(code, Some(1));
     assert!(said.contains("the log seems shifted by 3"), "{said}");
-    assert!(document.f_score <= good.f_score);
 
     // The same poses in another order: a log of the right length that is another scene's.
     let mut poses = pair.poses.clone();
