@@ -3,8 +3,9 @@
 use crate::error::{Error, Result};
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 /// This program's version.
@@ -103,6 +104,23 @@ pub fn hash_path(path: &Path) -> Result<String> {
     Ok(hasher.finalize().to_hex().to_string())
 }
 
+/// SHA-256 of a file's bytes, in hexadecimal: what `sha256sum` prints and records name files by.
+pub fn sha256(path: &Path) -> Result<String> {
+    let unreadable = || mvs_datasets::Error::io(path, "read");
+    let mut file = std::fs::File::open(path).map_err(unreadable())?;
+    let mut hasher = Sha256::new();
+    let mut buffer = vec![0; 1 << 18];
+    loop {
+        let count = file.read(&mut buffer).map_err(unreadable())?;
+        if count == 0 {
+            break;
+        }
+        hasher.update(&buffer[..count]);
+    }
+    let digest = hasher.finalize();
+    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
 /// Everything in `folder`, by name.
 pub(crate) fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).map_err(mvs_datasets::Error::io(folder, "read"))?;
@@ -116,4 +134,37 @@ pub(crate) fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
     }
     paths.sort();
     Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sha256_is_that_of_the_standard() {
+        // FIPS 180-4's examples.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        let put = |path: &Path, text: &str| {
+            files::write_atomically(path, |out| out.write_all(text.as_bytes())).unwrap();
+        };
+        for (text, expected) in [
+            (
+                "",
+                "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855",
+            ),
+            (
+                "abc",
+                "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
+            ),
+        ] {
+            put(&path, text);
+            assert_eq!(sha256(&path).unwrap(), expected);
+        }
+        let million = "a".repeat(1_000_000);
+        put(&path, &million);
+        let expected = "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0";
+        assert_eq!(sha256(&path).unwrap(), expected);
+        assert!(sha256(&folder.path().join("missing")).is_err());
+    }
 }

@@ -10,6 +10,7 @@ mod common;
 mod compare;
 mod demo;
 mod depth;
+mod extremes;
 mod fuse;
 mod generate;
 mod inspect;
@@ -67,6 +68,7 @@ enum Command {
     Pairs(pairs::PairsArgs),
     Blend(blend::BlendArgs),
     Inspect(inspect::InspectArgs),
+    Extremes(extremes::ExtremesArgs),
     Replay(replay::ReplayArgs),
 }
 
@@ -109,6 +111,7 @@ fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
         Command::Render(args) => render::run(args, global),
         Command::Fuse(args) => fuse::run(args, global),
         Command::Inspect(args) => inspect::run(args, global),
+        Command::Extremes(args) => extremes::run(args, global),
         Command::Score(args) => score::run(args, global),
         Command::Replay(args) => replay::run(args, global),
     }

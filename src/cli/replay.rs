@@ -1,6 +1,7 @@
 use super::common::{Global, Verdict};
 use super::{
-    augment, blend, demo, depth, fuse, generate, output, pairs, render, report, score, verify,
+    augment, blend, demo, depth, extremes, fuse, generate, output, pairs, render, report, score,
+    verify,
 };
 use clap::Args;
 use mvs_eval::config;
@@ -38,6 +39,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "augment" => augment::execute(&config::resolve(layers)?, global),
         "pairs" => pairs::execute(&config::resolve(layers)?, global),
         "depth" => depth::execute(&config::resolve(layers)?, global),
+        "extremes" => extremes::execute(&config::resolve(layers)?, global),
         "blend" => blend::execute(&config::resolve(layers)?, global),
         "generate" => generate::execute(&config::resolve(layers)?, global),
         "verify" => verify::execute(&config::resolve(layers)?, global),

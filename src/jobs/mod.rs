@@ -10,6 +10,7 @@ pub mod cameras;
 pub mod compare;
 pub mod demo;
 pub mod depth;
+pub mod extremes;
 pub mod fuse;
 pub mod generate;
 pub mod inspect;

@@ -10,7 +10,8 @@ mod work;
 
 pub use alignment::{Alignment, AlignmentSource, Residual, StageReport, TrajectoryReport};
 pub use document::{
-    AtTolerance, Counts, Distances, OtherProfile, Protocol, SCHEMA, ScoreDocument, Spread,
+    AtTolerance, Counts, Distances, InputHashes, OtherProfile, Protocol, SCHEMA, ScoreDocument,
+    Spread,
 };
 
 use super::{Context, OutDir};

@@ -6,8 +6,8 @@ use std::fmt::Write;
 /// The most points drawn of a curve; more are thinned evenly.
 const MOST_POINTS: usize = 260;
 /// The size of the picture and the rectangle of the plot in it.
-const SIZE: (f64, f64) = (720.0, 440.0);
-const PLOT: (f64, f64, f64, f64) = (64.0, 56.0, 540.0, 320.0);
+pub(super) const SIZE: (f64, f64) = (720.0, 440.0);
+pub(super) const PLOT: (f64, f64, f64, f64) = (64.0, 56.0, 540.0, 320.0);
 
 /// What is drawn. The three slices have one value per distance; distances ascend from about 0.
 #[derive(Debug, Clone, Copy)]
@@ -26,32 +26,95 @@ pub struct Curves<'a> {
     pub recall: &'a [f64],
 }
 
+/// What stands where, in the picture's units: shared by the SVG and the PNG.
+pub(super) struct Plot {
+    /// Horizontal lines: y and the label at its left.
+    pub(super) rows: Vec<(f64, String)>,
+    /// Vertical lines: x, the label below it, and whether it marks the threshold.
+    pub(super) columns: Vec<(f64, String, bool)>,
+    /// The text below the plot.
+    pub(super) caption: String,
+    /// Where the curves' dots are along x.
+    pub(super) at_tau: f64,
+    /// F-score, precision and recall.
+    pub(super) lines: [Line; 3],
+}
+
+/// One curve.
+pub(super) struct Line {
+    pub(super) class: &'static str,
+    pub(super) name: &'static str,
+    pub(super) points: Vec<(f64, f64)>,
+    pub(super) y_at_tau: f64,
+    /// The value at the threshold.
+    pub(super) percent: String,
+}
+
+/// Lays the plot out. Fails as [`svg`] does.
+pub(super) fn plot(curves: &Curves) -> Result<Plot> {
+    check(curves)?;
+    let pairs = curves.precision.iter().zip(curves.recall);
+    let f_score: Vec<f64> = pairs.map(|(&p, &r)| harmonic(p, r)).collect();
+    let end = curves.distances[curves.distances.len() - 1];
+    let beyond = |distance: &f64| *distance > curves.tau * (1.0 + 1e-9);
+    let after = curves.distances.iter().position(beyond);
+    let index = after.unwrap_or(curves.distances.len()).max(1) - 1;
+    let line = |class, name, values: &[f64]| Line {
+        class,
+        name,
+        points: polyline(curves.distances, values, end),
+        y_at_tau: y_of(values[index]),
+        percent: format!("{:.2}%", 100.0 * values[index]),
+    };
+    let fifths = (0..=5).map(|fifth| f64::from(fifth) / 5.0);
+    let unit = match curves.unit {
+        "" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    Ok(Plot {
+        rows: fifths
+            .map(|f| (y_of(f), format!("{:.0}%", 100.0 * f)))
+            .collect(),
+        columns: columns(curves.tau, end),
+        caption: format!("distance to the other cloud, τ = {}{unit}", curves.tau),
+        at_tau: x_of(curves.distances[index].clamp(0.0, end), end),
+        lines: [
+            line("f", "F-score", &f_score),
+            line("p", "precision", curves.precision),
+            line("r", "recall", curves.recall),
+        ],
+    })
+}
+
+/// A line per multiple of the threshold.
+fn columns(tau: f64, end: f64) -> Vec<(f64, String, bool)> {
+    let inside = |multiple: &u32| f64::from(*multiple) * tau <= end * 1.005;
+    let column = |multiple: u32| {
+        let label = match multiple {
+            0 => "0".to_owned(),
+            1 => "τ".to_owned(),
+            _ => format!("{multiple}τ"),
+        };
+        let x = x_of((f64::from(multiple) * tau).min(end), end);
+        (x, label, multiple == 1)
+    };
+    (0..=20).take_while(inside).map(column).collect()
+}
+
 /// The picture. It follows the reader's light or dark colour scheme. Fails when the slices differ
 /// in length, hold fewer than two values or one that cannot be.
 pub fn svg(curves: &Curves) -> Result<String> {
-    check(curves)?;
-    let f_score: Vec<f64> = curves
-        .precision
-        .iter()
-        .zip(curves.recall)
-        .map(|(&precision, &recall)| harmonic(precision, recall))
-        .collect();
-    let end = curves.distances[curves.distances.len() - 1];
+    let plot = plot(curves)?;
     let mut text = head(curves.title);
-    axes(&mut text, curves, end);
-    let lines = [
-        ("f", "F-score", &f_score[..]),
-        ("p", "precision", curves.precision),
-        ("r", "recall", curves.recall),
-    ];
-    for (class, _, values) in lines.iter().rev() {
-        let points = polyline(curves.distances, values, end);
+    axes(&mut text, &plot);
+    for line in plot.lines.iter().rev() {
+        let (class, path) = (line.class, path_of(&line.points));
         put(
             &mut text,
-            format_args!("<path class=\"line {class}\" d=\"{points}\"/>"),
+            format_args!("<path class=\"line {class}\" d=\"{path}\"/>"),
         );
     }
-    labels(&mut text, curves, &lines, end);
+    labels(&mut text, &plot);
     text.push_str("</svg>\n");
     Ok(text)
 }
@@ -128,88 +191,62 @@ fn y_of(fraction: f64) -> f64 {
     PLOT.1 + PLOT.3 * (1.0 - fraction)
 }
 
-fn axes(text: &mut String, curves: &Curves, end: f64) {
+fn axes(text: &mut String, plot: &Plot) {
     let (left, top, width, height) = PLOT;
     let (right, bottom) = (left + width, top + height);
-    for fifth in 0..=5 {
-        let fraction = f64::from(fifth) / 5.0;
-        let y = y_of(fraction);
+    for (y, label) in &plot.rows {
         put(
             text,
             format_args!("<path class=\"grid\" d=\"M{left} {y:.1}H{right}\"/>"),
         );
-        let label = format!("{:.0}%", 100.0 * fraction);
         let (x, y) = (left - 8.0, y + 4.5);
         put(
             text,
             format_args!("<text class=\"end\" x=\"{x}\" y=\"{y:.1}\">{label}</text>"),
         );
     }
-    let mut multiple = 0.0;
-    while multiple * curves.tau <= end * 1.005 && multiple <= 20.0 {
-        let x = x_of((multiple * curves.tau).min(end), end);
-        let class = if multiple == 1.0 { "tau" } else { "grid" };
+    for (x, label, is_tau) in &plot.columns {
+        let class = if *is_tau { "tau" } else { "grid" };
         put(
             text,
             format_args!("<path class=\"{class}\" d=\"M{x:.1} {top}V{bottom}\"/>"),
         );
-        let label = if multiple == 0.0 {
-            "0".to_owned()
-        } else {
-            in_taus(multiple)
-        };
         let y = bottom + 20.0;
         put(
             text,
             format_args!("<text class=\"middle\" x=\"{x:.1}\" y=\"{y}\">{label}</text>"),
         );
-        multiple += 1.0;
     }
-    let unit = if curves.unit.is_empty() {
-        String::new()
-    } else {
-        format!(" {}", curves.unit)
-    };
-    let caption = format!(
-        "distance to the other cloud, τ = {}{}",
-        curves.tau,
-        escaped(&unit)
-    );
-    let (x, y) = (left + width / 2.0, bottom + 46.0);
+    let (x, y, caption) = (left + width / 2.0, bottom + 46.0, escaped(&plot.caption));
     put(
         text,
         format_args!("<text class=\"middle\" x=\"{x}\" y=\"{y}\">{caption}</text>"),
     );
 }
 
-fn in_taus(multiple: f64) -> String {
-    if multiple == 1.0 {
-        "τ".into()
-    } else {
-        format!("{multiple}τ")
-    }
-}
-
-fn polyline(distances: &[f64], values: &[f64], end: f64) -> String {
+/// At most [`MOST_POINTS`] points of a curve and its last, in the picture's units.
+fn polyline(distances: &[f64], values: &[f64], end: f64) -> Vec<(f64, f64)> {
     let step = distances.len().div_ceil(MOST_POINTS);
     let last = distances.len() - 1;
+    let indices = (0..last).step_by(step).chain([last]);
+    indices
+        .map(|index| (x_of(distances[index].max(0.0), end), y_of(values[index])))
+        .collect()
+}
+
+fn path_of(points: &[(f64, f64)]) -> String {
     let mut path = String::new();
-    for index in (0..last).step_by(step).chain([last]) {
+    for (index, (x, y)) in points.iter().enumerate() {
         let command = if index == 0 { 'M' } else { 'L' };
-        let (x, y) = (x_of(distances[index].max(0.0), end), y_of(values[index]));
         let _ = write!(path, "{command}{x:.1} {y:.1}");
     }
     path
 }
 
 /// Values at the threshold: a dot on each curve and the numbers at the right, spread apart.
-fn labels(text: &mut String, curves: &Curves, lines: &[(&str, &str, &[f64])], end: f64) {
-    let beyond = |distance: &f64| *distance > curves.tau * (1.0 + 1e-9);
-    let after = curves.distances.iter().position(beyond);
-    let index = after.unwrap_or(curves.distances.len()).max(1) - 1;
-    let x = x_of(curves.distances[index].clamp(0.0, end), end);
-    for (class, _, values) in lines.iter().rev() {
-        let y = y_of(values[index]);
+fn labels(text: &mut String, plot: &Plot) {
+    for line in plot.lines.iter().rev() {
+        let (class, x, y) = (line.class, plot.at_tau, line.y_at_tau);
         put(
             text,
             format_args!("<circle class=\"dot {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\"/>"),
@@ -220,17 +257,17 @@ fn labels(text: &mut String, curves: &Curves, lines: &[(&str, &str, &[f64])], en
         text,
         format_args!("<text x=\"{right}\" y=\"{:.1}\">at τ</text>", PLOT.1 + 8.0),
     );
-    for (row, (class, name, values)) in (0u32..).zip(lines) {
+    for (row, line) in (0u32..).zip(&plot.lines) {
+        let (class, name, percent) = (line.class, line.name, &line.percent);
         let y = PLOT.1 + 32.0 + 40.0 * f64::from(row);
         put(
             text,
             format_args!("<text class=\"{class}\" x=\"{right}\" y=\"{y:.1}\">{name}</text>"),
         );
-        let percent = 100.0 * values[index];
         let y = y + 17.0;
         put(
             text,
-            format_args!("<text class=\"{class}\" x=\"{right}\" y=\"{y:.1}\">{percent:.2}%</text>"),
+            format_args!("<text class=\"{class}\" x=\"{right}\" y=\"{y:.1}\">{percent}</text>"),
         );
     }
 }

@@ -27,6 +27,14 @@ pub(super) fn write(image: &mut ColorImage, text: &str, at: (u32, u32), dot: u32
     }
 }
 
+/// The width of `text` in pixels.
+pub(super) fn width(text: &str, dot: u32) -> u32 {
+    let count = u32::try_from(text.chars().count()).unwrap_or(u32::MAX);
+    count
+        .saturating_mul((GLYPH.0 + 1) * dot)
+        .saturating_sub(dot)
+}
+
 fn square(image: &mut ColorImage, (left, top): (u32, u32), dot: u32, ink: [u8; 3]) {
     for row in top..top.saturating_add(dot).min(image.height()) {
         for column in left..left.saturating_add(dot).min(image.width()) {
@@ -42,7 +50,7 @@ fn glyph(character: char) -> [u8; 7] {
 
 /// Rows from the top; the highest of five bits is the leftmost dot.
 #[rustfmt::skip]
-const GLYPHS: [(char, [u8; 7]); 47] = [
+const GLYPHS: [(char, [u8; 7]); 48] = [
     ('A', [0b01110, 0b10001, 0b10001, 0b11111, 0b10001, 0b10001, 0b10001]),
     ('B', [0b11110, 0b10001, 0b10001, 0b11110, 0b10001, 0b10001, 0b11110]),
     ('C', [0b01110, 0b10001, 0b10000, 0b10000, 0b10000, 0b10001, 0b01110]),
@@ -89,6 +97,7 @@ const GLYPHS: [(char, [u8; 7]); 47] = [
     ('=', [0b00000, 0b00000, 0b11111, 0b00000, 0b11111, 0b00000, 0b00000]),
     ('%', [0b11000, 0b11001, 0b00010, 0b00100, 0b01000, 0b10011, 0b00011]),
     ('(', [0b00010, 0b00100, 0b01000, 0b01000, 0b01000, 0b00100, 0b00010]),
+    ('τ', [0b00000, 0b00000, 0b11111, 0b00100, 0b00100, 0b00101, 0b00010]),
     (')', [0b01000, 0b00100, 0b00010, 0b00010, 0b00010, 0b00100, 0b01000]),
 ];
 

@@ -1,10 +1,12 @@
 //! Records to files that people read. Pure: values in, bytes out.
 
+mod canvas;
 pub mod check;
 mod cloud_payload;
 pub mod colormap;
 pub mod compare;
 pub mod contact_sheet;
+pub mod curve_png;
 pub mod curve_svg;
 pub mod folder;
 mod font;

@@ -145,15 +145,15 @@ pub struct Record {
     pub peak_mib: Option<f64>,
     /// Version of this program.
     pub tool_version: String,
-    /// Hash of the reconstruction's file.
+    /// SHA-256 of the reconstruction's file.
     pub rec_sha256: String,
-    /// Hash of the truth's file.
+    /// SHA-256 of the truth's file.
     pub truth_sha256: String,
-    /// Hash of the crop volume's file.
+    /// SHA-256 of the crop volume's file.
     pub crop_sha256: String,
-    /// Hash of the trajectory's file.
+    /// SHA-256 of the trajectory's file.
     pub log_sha256: String,
-    /// Hash of the transform's file.
+    /// SHA-256 of the transform's file.
     pub trans_sha256: String,
 }
 

@@ -1,10 +1,12 @@
 //! Scoring held to what Open3D 0.20 gave for a real pair of clouds and for scenes from formulas.
 
 mod batch;
+mod extremes;
 mod faults;
 mod fixture;
 mod official;
 mod plain;
+mod real;
 
 use crate::support::real_data;
 use mvs_datasets::layout::files::write_atomically;

@@ -165,11 +165,21 @@ impl SyntheticScene {
     /// Estimated depth and confidence (0 to 1; good depths lie mostly above 0.8) of view `index`:
     /// the exact depth made worse. Pixels without truth have neither.
     pub fn estimated_depth(&self, index: usize, noise: &DepthNoise) -> (DepthMap, Raster<f32>) {
-        let truth = self.depth(index);
+        self.worsened(index, &self.depth(index), noise)
+    }
+
+    /// As [`SyntheticScene::estimated_depth`], from a depth map of view `index` that was made some
+    /// other way, such as rendered from the mesh.
+    pub fn worsened(
+        &self,
+        index: usize,
+        depth: &DepthMap,
+        noise: &DepthNoise,
+    ) -> (DepthMap, Raster<f32>) {
         let mut random = Random::new(self.options.seed, 1 + index as u64);
         match self.scene.views()[index].depth_range {
-            Some(range) => noise::estimate(&truth, range, noise, &mut random),
-            None => (truth, self.blank.clone()),
+            Some(range) => noise::estimate(depth, range, noise, &mut random),
+            None => (depth.clone(), self.blank.clone()),
         }
     }
 

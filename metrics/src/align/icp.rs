@@ -17,16 +17,19 @@ pub struct IcpOptions {
     pub relative_rmse: f64,
     /// Updates at most.
     pub max_iterations: usize,
+    /// How each update may change the size.
+    pub scale: Scale,
 }
 
 impl IcpOptions {
-    /// Open3D's own criteria: 1e-6, 1e-6, 30 updates.
+    /// Open3D's own criteria: 1e-6, 1e-6, 30 updates, each with Umeyama's scale.
     pub fn new(max_distance: f64) -> Self {
         Self {
             max_distance,
             relative_fitness: 1e-6,
             relative_rmse: 1e-6,
             max_iterations: 30,
+            scale: Scale::Free,
         }
     }
 }
@@ -75,7 +78,7 @@ pub fn icp_onto<F: Fn(usize) -> DVec3 + Sync>(
         let sums = tracker.moved(motion);
         let update = || match sums.pairs {
             0 => Ok(DMat4::IDENTITY),
-            _ => Moments::of_sums(&sums, centre).solve(Scale::Free),
+            _ => Moments::of_sums(&sums, centre).solve(options.scale),
         };
         (Paired::of(sums.pairs, sums.squares, source.count), update())
     };
@@ -92,7 +95,7 @@ pub fn icp_plain(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Re
         let (source, target, squares) = pairs(&moved, &index, options.max_distance);
         let update = match source.len() {
             0 => Ok(DMat4::IDENTITY),
-            _ => umeyama(&source, &target, Scale::Free),
+            _ => umeyama(&source, &target, options.scale),
         };
         (Paired::of(source.len(), squares, moved.len()), update)
     };
@@ -206,6 +209,40 @@ mod tests {
         assert!(found.converged && found.pairs == 2000 && found.fitness == 1.0);
         assert!(found.target_from_source.abs_diff_eq(truth, 1e-12));
         assert!(found.inlier_rmse < 1e-12);
+    }
+
+    /// A noisy smooth sheet tells no scale: every update that fits in the frame of the target takes
+    /// off its share of noise, and the next one does so again.
+    #[test]
+    fn noise_of_the_source_shrinks_it_unless_the_fit_is_in_its_frame() {
+        let target = sheet(20, 8000);
+        let lift = scattered(21, 4000);
+        let source: Vec<DVec3> = sheet(22, 4000)
+            .iter()
+            .zip(&lift)
+            .map(|(p, n)| *p + DVec3::Z * (0.2 * n.x))
+            .collect();
+        let scale_by = |scale| {
+            let options = IcpOptions {
+                relative_fitness: 1e-9,
+                relative_rmse: 1e-9,
+                max_iterations: 60,
+                scale,
+                ..IcpOptions::new(0.5)
+            };
+            let found = icp(&source, &target, &options).unwrap();
+            let plain = icp_plain(&source, &target, &options).unwrap();
+            let same = found
+                .target_from_source
+                .abs_diff_eq(plain.target_from_source, 1e-9);
+            assert!(same && found.iterations == plain.iterations);
+            glam::DMat3::from_mat4(found.target_from_source)
+                .determinant()
+                .cbrt()
+        };
+        let (free, in_source) = (scale_by(Scale::Free), scale_by(Scale::FreeInSource));
+        assert!(free < 0.93, "{free}");
+        assert!((in_source - 1.0).abs() < 0.01, "{in_source}");
     }
 
     /// A bumpy sheet.

@@ -21,12 +21,16 @@ pub fn umeyama(source: &[DVec3], target: &[DVec3], scale: Scale) -> Result<DMat4
 }
 
 /// Whether a fit may change the size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub enum Scale {
     /// Rotation and translation only.
     One,
-    /// Rotation, translation and a common scale.
+    /// Rotation, translation and the scale of least squares in the frame of the target: Umeyama's.
+    /// Noise of the source draws it towards 0, as in any regression on a noisy variable.
     Free,
+    /// Rotation, translation and the scale of least squares in the frame of the source: that of the
+    /// fit from target to source, inverted. Noise of the source leaves it where it is.
+    FreeInSource,
 }
 
 /// What the fit needs to know of the correspondences.
@@ -39,6 +43,8 @@ pub(crate) struct Moments {
     pub(crate) covariance: [DVec3; 3],
     /// Mean of |source − mean|².
     pub(crate) variance: f64,
+    /// Mean of |target − mean|².
+    pub(crate) target_variance: f64,
 }
 
 impl Moments {
@@ -47,19 +53,21 @@ impl Moments {
         let source_mean = source.iter().sum::<DVec3>() * over_n;
         let target_mean = target.iter().sum::<DVec3>() * over_n;
         let mut covariance = [DVec3::ZERO; 3];
-        let mut squares = DVec3::ZERO;
+        let (mut squares, mut target_squares) = (DVec3::ZERO, 0.0);
         for (&s, &t) in source.iter().zip(target) {
             let (s, t) = (s - source_mean, t - target_mean);
             covariance[0] += t * s.x;
             covariance[1] += t * s.y;
             covariance[2] += t * s.z;
             squares += s * s;
+            target_squares += t.length_squared();
         }
         Self {
             source_mean,
             target_mean,
             covariance: covariance.map(|column| column * over_n),
             variance: (squares.x + squares.y + squares.z) * over_n,
+            target_variance: target_squares * over_n,
         }
     }
 
@@ -68,11 +76,15 @@ impl Moments {
         let over_n = 1.0 / sums.pairs as f64;
         let (source, target) = (sums.source * over_n, sums.target * over_n);
         let column = |k: usize| sums.cross[k] * over_n - target * source[k];
+        // |t|² = |t − s|² + 2 t·s − |s|²
+        let dots: f64 = (0..3).map(|k| sums.cross[k][k]).sum();
+        let target_squares = sums.squares + 2.0 * dots - sums.source_squares;
         Self {
             source_mean: centre + source,
             target_mean: centre + target,
             covariance: [column(0), column(1), column(2)],
             variance: sums.source_squares * over_n - source.length_squared(),
+            target_variance: target_squares * over_n - target.length_squared(),
         }
     }
 
@@ -96,12 +108,14 @@ impl Moments {
             signs[2] = -1.0;
         }
         let rotation = u * Matrix3::from_diagonal(&signs) * v_t;
+        let explained = svd.singular_values.dot(&signs);
         let c = match scale {
             Scale::One => 1.0,
-            Scale::Free => svd.singular_values.dot(&signs) / self.variance,
+            Scale::Free => explained / self.variance,
+            Scale::FreeInSource => self.target_variance / explained,
         };
         if !(c.is_finite() && c > 0.0) {
-            let problem = format!("expected source points that differ, found a scale of {c}");
+            let problem = format!("expected points that differ, found a scale of {c}");
             return Err(Error::invalid("similarity fit", problem));
         }
         Ok(self.compose(rotation * c))
@@ -170,5 +184,26 @@ pub(crate) mod tests {
         assert!(umeyama(&[], &[], Scale::Free).is_err());
         assert!(umeyama(&[DVec3::ONE; 4], &points, Scale::Free).is_err());
         assert!(umeyama(&[DVec3::NAN; 4], &points, Scale::Free).is_err());
+    }
+
+    #[test]
+    fn the_scale_in_the_source_is_the_inverse_of_the_fit_the_other_way() {
+        let source = scattered(8, 300);
+        let noise = scattered(9, 300);
+        let truth = similarity(1.7, 0.4, DVec3::new(3.0, 1.0, -2.0));
+        let noisy: Vec<DVec3> = source
+            .iter()
+            .zip(&noise)
+            .map(|(s, n)| *s + *n * 0.2)
+            .collect();
+        let target = transformed(&source, truth);
+        let found = umeyama(&noisy, &target, Scale::FreeInSource).unwrap();
+        let back = umeyama(&target, &noisy, Scale::Free).unwrap();
+        assert!(found.abs_diff_eq(back.inverse(), 1e-12), "{found} {back}");
+        // Noise of variance v on points of variance V shrinks the one by V / (V + v), not the other.
+        let scale = |m: DMat4| glam::DMat3::from_mat4(m).determinant().cbrt() / 1.7;
+        let free = scale(umeyama(&noisy, &target, Scale::Free).unwrap());
+        assert!((scale(found) - 1.0).abs() < 0.01, "{}", scale(found));
+        assert!((free - 1.0 / 1.04).abs() < 0.01, "{free}");
     }
 }

@@ -78,8 +78,27 @@ pub struct ScoreDocument {
     pub voxel: Option<f64>,
     /// Seed of everything drawn.
     pub seed: u64,
+    /// SHA-256 of the input files.
+    #[serde(default)]
+    pub inputs: InputHashes,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+}
+
+/// SHA-256 of the input files in hexadecimal, as `sha256sum` prints it; none where there was no such
+/// file.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InputHashes {
+    /// The reconstruction.
+    pub reconstruction: Option<String>,
+    /// The truth.
+    pub truth: Option<String>,
+    /// The crop volume.
+    pub crop: Option<String>,
+    /// The reconstruction's trajectory.
+    pub log: Option<String>,
+    /// The transform: the one given, or the scene's own where cameras align.
+    pub transform: Option<String>,
 }
 
 /// The score by the profile that was not asked for.

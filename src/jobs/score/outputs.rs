@@ -5,8 +5,9 @@ use super::row;
 use crate::error::Result;
 use crate::jobs::OutDir;
 use crate::report::curve_svg::{self, Curves};
-use crate::report::{colormap, record};
+use crate::report::{colormap, curve_png, record};
 use crate::score::{Evaluation, Side};
+use mvs_datasets::format::image;
 use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
 use mvs_metrics::{Curve, Tolerance};
 use std::io::Write;
@@ -88,7 +89,8 @@ fn write_curves(
     write_numbers(out, &format!("{scene}.prf_tau_plotstr.txt"), &summary)
 }
 
-/// Draws the curves as `PR_<Scene>_@d_th_0_<τ in tenths of a millimetre>.svg`, the toolbox's name.
+/// Draws the curves as `PR_<Scene>_@d_th_0_<τ in tenths of a millimetre>.png`, the toolbox's name,
+/// and `.svg`.
 fn write_plot(
     out: &OutDir,
     document: &ScoreDocument,
@@ -101,17 +103,19 @@ fn write_plot(
         document.scene,
         100.0 * document.f_score
     );
-    let svg = curve_svg::svg(&Curves {
+    let curves = Curves {
         title: &title,
         tau: tolerance.get(),
         unit: row::unit_of(document.protocol),
         distances: &precision.edges()[1..],
         precision: &fractions(&precision),
         recall: &fractions(&recall),
-    })?;
+    };
     let tenths = (tolerance.get() * 1e4) as u64;
-    let name = format!("PR_{}_@d_th_0_{tenths:04}.svg", document.scene);
-    out.write(name, |file| file.write_all(svg.as_bytes()))
+    let name = format!("PR_{}_@d_th_0_{tenths:04}", document.scene);
+    let (svg, png) = (curve_svg::svg(&curves)?, curve_png::image(&curves)?);
+    out.write(format!("{name}.svg"), |file| file.write_all(svg.as_bytes()))?;
+    out.write(format!("{name}.png"), |file| image::write_png(file, &png))
 }
 
 fn fractions(curve: &Curve) -> Vec<f64> {

@@ -1,8 +1,10 @@
 //! What a score job asks for, checked before anything is read.
 
 use super::ScoreJob;
-use super::document::Protocol;
+use super::document::{InputHashes, Protocol};
 use crate::error::{Error, Result};
+use crate::parallel;
+use crate::provenance::sha256;
 use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
 use mvs_metrics::Tolerance;
 use std::path::{Path, PathBuf};
@@ -61,6 +63,40 @@ impl Plan {
             tolerances: vec![tnt_tolerance(job, &folder.name)?],
             inputs: inputs(of_scene, job),
             truth: Truth::Folder(folder),
+        })
+    }
+}
+
+impl Plan {
+    /// SHA-256 of every file that a record names.
+    pub(super) fn hashes(&self, job: &ScoreJob) -> Result<InputHashes> {
+        let (truth, crop, transform) = match &self.truth {
+            Truth::File(truth) => (truth, job.crop.as_ref(), None),
+            Truth::Folder(folder) => (&folder.truth, Some(&folder.crop), Some(&folder.transform)),
+        };
+        let transform = match &job.transform {
+            Some(given) => Some(given),
+            None => transform.filter(|_| job.trajectory.is_some()),
+        };
+        let trajectory = job.trajectory.as_ref();
+        let files = [
+            Some(&job.reconstruction),
+            Some(truth),
+            crop,
+            trajectory,
+            transform,
+        ];
+        let mut hashes = parallel::try_map(files.len(), |nth| {
+            files[nth].map(|path| sha256(path)).transpose()
+        })?
+        .into_iter();
+        let mut next = || hashes.next().flatten();
+        Ok(InputHashes {
+            reconstruction: next(),
+            truth: next(),
+            crop: next(),
+            log: next(),
+            transform: next(),
         })
     }
 }

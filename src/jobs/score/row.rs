@@ -19,6 +19,8 @@ fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
     let last = alignment.icp.last();
     let mean = |a: Option<f64>, b: Option<f64>| Some((a? + b?) / 2.0);
     let updates = alignment.icp.iter().map(|stage| stage.iterations as u64);
+    let inputs = &document.inputs;
+    let hash = |hash: &Option<String>| hash.clone().unwrap_or_default();
     let profile = document.profile.map(|profile| profile.to_string());
     let mesh = document.mesh_sampling.map(|mesh_as| mesh_as.to_string());
     Record {
@@ -55,6 +57,11 @@ fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
         seed: Some(document.seed),
         status: status_of(document),
         tool_version: crate::provenance::VERSION.into(),
+        rec_sha256: hash(&inputs.reconstruction),
+        truth_sha256: hash(&inputs.truth),
+        crop_sha256: hash(&inputs.crop),
+        log_sha256: hash(&inputs.log),
+        trans_sha256: hash(&inputs.transform),
         ..Record::default()
     }
 }

@@ -312,6 +312,7 @@ impl<'a> Work<'a> {
             mesh_sampling: scored.mesh_sampling,
             voxel: scored.voxel,
             seed: job.seed,
+            inputs: self.plan.hashes(job)?,
             warnings: self.warnings.sorted(),
         })
     }

@@ -88,3 +88,41 @@ fn submissions_lie_by_method_and_scene() {
         rows[1].status
     );
 }
+
+#[test]
+fn the_order_in_which_files_were_made_changes_no_byte() {
+    let methods = ["a", "b", "c"];
+    let scores = |order: &[&str]| {
+        let fixture = Fixture::new(1500);
+        for method in order {
+            fixture.put_log(&format!("Synth/{method}/cams.log"), &given_poses());
+            fixture.put_cloud(
+                &format!("Synth/{method}/cloud.ply"),
+                bumpy_reconstruction(1500),
+            );
+        }
+        let job = mvs_eval::jobs::score::ScoreJob {
+            all: Some(fixture.path("")),
+            tau: vec![0.05],
+            one_profile: true,
+            out: fixture.path("results"),
+            ..Default::default()
+        };
+        let warnings = mvs_eval::warning::Warnings::default();
+        let context = mvs_eval::jobs::Context {
+            progress: &mvs_eval::progress::Silent,
+            warnings: &warnings,
+            force: false,
+        };
+        mvs_eval::jobs::score_all::run(&job, &context).unwrap();
+        let names = [
+            "scores.csv",
+            "Synth/a/score.json",
+            "Synth/c/Synth.recall.ply",
+        ];
+        names.map(|name| std::fs::read(fixture.path("results").join(name)).unwrap())
+    };
+    let mut reversed = methods;
+    reversed.reverse();
+    assert!(scores(&methods) == scores(&reversed));
+}

@@ -63,6 +63,11 @@ fn bumpy(seed: u64, count: u64, noise: f64) -> Vec<DVec3> {
     (0..count).map(point).collect()
 }
 
+/// The bumpy surface itself.
+pub(super) fn bumpy_truth(count: u64) -> Vec<DVec3> {
+    bumpy(1, count, 0.0)
+}
+
 /// The bumpy surface with a little noise and some outliers, in the reconstruction's own frame.
 pub(super) fn bumpy_reconstruction(count: u64) -> Vec<DVec3> {
     let mut points = bumpy(2, count, 0.01);
@@ -147,12 +152,14 @@ pub(super) const NOTCHED: [[f64; 2]; 5] = [
     [-0.8125, 0.9375],
 ];
 
-fn crop_json() -> String {
-    let vertices = NOTCHED.map(|[x, y]| format!("[{x}, {y}, 0.0]"));
+fn crop_json(scale: f64) -> String {
+    let vertices = NOTCHED.map(|[x, y]| format!("[{:?}, {:?}, 0.0]", x * scale, y * scale));
     format!(
         "{{\"class_name\": \"SelectionPolygonVolume\", \"orthogonal_axis\": \"Z\", \
-         \"axis_min\": -0.5, \"axis_max\": 0.4375, \"bounding_polygon\": [{}], \
+         \"axis_min\": {:?}, \"axis_max\": {:?}, \"bounding_polygon\": [{}], \
          \"version_major\": 1, \"version_minor\": 0}}",
+        -0.5 * scale,
+        0.4375 * scale,
         vertices.join(", ")
     )
 }
@@ -165,15 +172,27 @@ pub(super) struct Fixture {
 impl Fixture {
     /// About `count` points a side.
     pub(super) fn new(count: u64) -> Self {
+        Self::scaled(count, 1.0)
+    }
+
+    /// The same with every length in every file multiplied by `scale`.
+    pub(super) fn scaled(count: u64, scale: f64) -> Self {
         let fixture = Self {
             folder: tempfile::tempdir().unwrap(),
         };
-        fixture.put_cloud("Synth/Synth.ply", bumpy(1, count, 0.0));
-        fixture.put_text("Synth/Synth.json", &crop_json());
-        fixture.put_log("Synth/Synth_COLMAP_SfM.log", &reference_poses());
+        let larger = |points: Vec<DVec3>| points.iter().map(|&point| point * scale).collect();
+        let moved = |mut poses: Vec<LogPose>| {
+            for pose in &mut poses {
+                pose.world_from_cam.w_axis *= glam::DVec4::new(scale, scale, scale, 1.0);
+            }
+            poses
+        };
+        fixture.put_cloud("Synth/Synth.ply", larger(bumpy_truth(count)));
+        fixture.put_text("Synth/Synth.json", &crop_json(scale));
+        fixture.put_log("Synth/Synth_COLMAP_SfM.log", &moved(reference_poses()));
         fixture.put_transform("Synth/Synth_trans.txt", scan_from_reference());
-        fixture.put_cloud("rec.ply", bumpy_reconstruction(count));
-        fixture.put_log("rec.log", &given_poses());
+        fixture.put_cloud("rec.ply", larger(bumpy_reconstruction(count)));
+        fixture.put_log("rec.log", &moved(given_poses()));
         fixture
     }
 

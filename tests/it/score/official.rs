@@ -167,3 +167,29 @@ fn the_official_pipelines_f_lies_within_the_spread_of_open3ds_over_seeds() {
         );
     }
 }
+
+/// The patch is smooth, open, noisy and has outliers: nothing but the cameras tells its scale, and a
+/// converged ICP that let noise draw the scale would end at 0.83.
+#[test]
+fn the_strict_profile_keeps_the_scale_of_a_smooth_noisy_patch() {
+    for case in ["clean", "unregistered", "video"] {
+        let inputs = inputs(Start::Trajectories(trajectories(case)));
+        let strict = Options {
+            profile: Profile::Strict,
+            ..options(0)
+        };
+        let motion = tnt::align(&inputs, &strict).unwrap();
+        let scale = tnt::scale_of(motion.truth_from_reconstruction) / 2.0;
+        assert!((scale - 1.0).abs() < 0.003, "{case}: {scale}");
+        assert!(motion.stages.iter().all(|stage| stage.converged), "{case}");
+        let f_at = |motion| {
+            let evaluation = tnt::evaluate(&inputs, motion).unwrap();
+            evaluation.score(inputs.tolerance).f_score()
+        };
+        let (found, exact) = (
+            f_at(motion.truth_from_reconstruction),
+            f_at(fixture::scan_from_own()),
+        );
+        assert!((found - exact).abs() < 0.002, "{case}: {found} {exact}");
+    }
+}

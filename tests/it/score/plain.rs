@@ -69,8 +69,33 @@ fn curves_and_error_clouds_are_the_toolboxs() {
     let errors = files::read_cloud(&out.join("truth.precision.ply")).unwrap();
     assert_eq!(errors.len(), 5000);
     assert!(errors.colors().is_some());
+    for name in ["PR_truth_@d_th_0_0200.png", "PR_truth_@d_th_0_0200.svg"] {
+        assert!(out.join(name).is_file(), "{name}");
+    }
     let header = std::fs::read(out.join("truth.recall.ply")).unwrap();
     assert!(String::from_utf8_lossy(&header[..400]).contains("property float error"));
+}
+
+#[test]
+fn rows_name_their_inputs_by_sha256() {
+    use mvs_eval::provenance::sha256;
+    let fixture = Fixture::new(1000);
+    run(&fixture.job("out", 0.05)).unwrap();
+    let rows = record::read(read(&fixture.path("out"), "scores.csv").as_bytes()).unwrap();
+    let row = &rows[0];
+    for (found, file) in [
+        (&row.rec_sha256, "rec.ply"),
+        (&row.truth_sha256, "Synth/Synth.ply"),
+        (&row.crop_sha256, "Synth/Synth.json"),
+        (&row.log_sha256, "rec.log"),
+        (&row.trans_sha256, "Synth/Synth_trans.txt"),
+    ] {
+        assert_eq!(*found, sha256(&fixture.path(file)).unwrap(), "{file}");
+    }
+    let (plain, job) = self::fixture();
+    run(&job).unwrap();
+    let rows = record::read(read(&plain.path("out"), "scores.csv").as_bytes()).unwrap();
+    assert!(rows[0].rec_sha256.len() == 64 && rows[0].log_sha256.is_empty());
 }
 
 #[test]

@@ -1,0 +1,197 @@
+//! `mvs-eval extremes`: how far off every stage is where coordinates, scales, depth ranges, repeats and
+//! image sizes are extreme, and what plainer arithmetic would have given.
+//!
+//! Every error is against a closed form, or against the same input where nothing is extreme.
+
+mod blend;
+mod fuse;
+mod naive;
+mod place;
+mod render;
+mod score;
+
+use super::{Context, OutDir};
+use crate::error::Result;
+use crate::provenance::Run;
+use place::Place;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Relative depth error allowed to a rendered map: twice the rounding of f32, near enough.
+pub const DEPTH_BOUND: f64 = 1e-7;
+/// Change of precision and recall allowed under any offset: a count or two in a million.
+pub const SCORE_BOUND: f64 = 1e-6;
+
+/// Options of `mvs-eval extremes`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ExtremesJob {
+    /// The folder to write.
+    pub out: PathBuf,
+    /// Points of the scored truth; the reconstruction has half as many.
+    pub points: u32,
+    /// The widest image that is rendered, in pixels.
+    pub width: u32,
+}
+
+impl Default for ExtremesJob {
+    fn default() -> Self {
+        Self {
+            out: PathBuf::from("extremes-out"),
+            points: 1_000_000,
+            width: 2048,
+        }
+    }
+}
+
+/// One measured error.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ExtremesRow {
+    /// `render`, `fuse`, `blend` or `score`.
+    pub stage: String,
+    /// What is extreme: `offset`, `scale`, `near-far`, `duplicates`, `image-size` or `light`.
+    pub axis: String,
+    /// How extreme: world units, a factor, a ratio, copies, pixels across, or grey levels.
+    pub value: f64,
+    /// `ours`, or the plainer arithmetic beside it: `f64`, `f64 recentred`, `f32`, `f32 recentred`.
+    pub arithmetic: String,
+    /// What is measured, with its unit.
+    pub quantity: String,
+    /// The error.
+    pub error: f64,
+    /// The largest error that is allowed, where this project promises one.
+    pub bound: Option<f64>,
+}
+
+impl ExtremesRow {
+    /// Whether the error is within its bound.
+    pub fn holds(&self) -> bool {
+        self.bound.is_none_or(|bound| self.error <= bound)
+    }
+}
+
+/// A row of `extremes.csv`: one measurement by every arithmetic.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+struct WideRow {
+    stage: String,
+    axis: String,
+    value: f64,
+    quantity: String,
+    ours: Option<f64>,
+    bound: Option<f64>,
+    f64: Option<f64>,
+    f64_recentred: Option<f64>,
+    f32: Option<f64>,
+    f32_recentred: Option<f64>,
+}
+
+/// Joins what differs in arithmetic alone, in the order of first appearance.
+fn wide(rows: &[ExtremesRow]) -> Vec<WideRow> {
+    let mut all: Vec<WideRow> = Vec::new();
+    for row in rows {
+        let wide = match all.iter().position(|wide| {
+            wide.stage == row.stage
+                && wide.axis == row.axis
+                && wide.value.to_bits() == row.value.to_bits()
+                && wide.quantity == row.quantity
+        }) {
+            Some(place) => &mut all[place],
+            None => {
+                all.push(WideRow {
+                    stage: row.stage.clone(),
+                    axis: row.axis.clone(),
+                    value: row.value,
+                    quantity: row.quantity.clone(),
+                    ..WideRow::default()
+                });
+                let last = all.len() - 1;
+                &mut all[last]
+            }
+        };
+        let cell = match row.arithmetic.as_str() {
+            "f64" => &mut wide.f64,
+            "f64 recentred" => &mut wide.f64_recentred,
+            "f32" => &mut wide.f32,
+            "f32 recentred" => &mut wide.f32_recentred,
+            _ => &mut wide.ours,
+        };
+        *cell = Some(row.error);
+        wide.bound = wide.bound.or(row.bound);
+    }
+    all
+}
+
+/// What was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ExtremesOutcome {
+    /// All rows, as in `extremes.csv`.
+    pub rows: Vec<ExtremesRow>,
+    /// Rows whose error is beyond its bound.
+    pub broken: usize,
+}
+
+/// Collects the rows of one stage.
+struct Rows {
+    stage: &'static str,
+    all: Vec<ExtremesRow>,
+}
+
+impl Rows {
+    fn put(
+        &mut self,
+        (axis, value): (&str, f64),
+        arithmetic: &str,
+        (quantity, error): (&str, f64),
+        bound: Option<f64>,
+    ) {
+        self.all.push(ExtremesRow {
+            stage: self.stage.to_owned(),
+            axis: axis.to_owned(),
+            value,
+            arithmetic: arithmetic.to_owned(),
+            quantity: quantity.to_owned(),
+            error,
+            bound,
+        });
+    }
+}
+
+/// Measures everything and writes `extremes.csv`.
+pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> {
+    let out = OutDir::create(&job.out, Run::new("extremes", job, &[])?, context.force)?;
+    let rows = measure(job, context)?;
+    out.write("extremes.csv", |file| {
+        let mut writer = csv::Writer::from_writer(file);
+        for row in &wide(&rows) {
+            writer.serialize(row).map_err(std::io::Error::other)?;
+        }
+        writer.flush()
+    })?;
+    out.finish()?;
+    let broken = rows.iter().filter(|row| !row.holds()).count();
+    Ok(ExtremesOutcome { rows, broken })
+}
+
+/// The rows of every stage.
+pub fn measure(job: &ExtremesJob, context: &Context<'_>) -> Result<Vec<ExtremesRow>> {
+    type Stage = fn(&ExtremesJob, &mut Rows) -> Result<()>;
+    let stages: [(&'static str, Stage); 4] = [
+        ("render", render::measure),
+        ("blend", blend::measure),
+        ("fuse", fuse::measure),
+        ("score", score::measure),
+    ];
+    context.progress.begin("extremes", stages.len() as u64);
+    let mut all = Vec::new();
+    for (stage, measure) in stages {
+        context.progress.check()?;
+        let mut rows = Rows {
+            stage,
+            all: Vec::new(),
+        };
+        measure(job, &mut rows)?;
+        all.append(&mut rows.all);
+        context.progress.advance(1);
+    }
+    Ok(all)
+}
