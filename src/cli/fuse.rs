@@ -1,8 +1,9 @@
 use super::common::{Centre, Global, Verdict, with_context};
-use super::output::{answer, pairs};
+use super::output::{answer, pairs, table};
 use clap::Args;
 use mvs_eval::config;
 use mvs_eval::fuse::presets;
+use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
 use mvs_eval::jobs::fuse::{self, FuseJob};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -11,7 +12,11 @@ use std::path::PathBuf;
 ///
 /// Reads SCENE/cams (or SCENE itself) and pair.txt, and colours the points from
 /// SCENE/{blended_images,images,color} where there are images. Depth maps may be smaller than the
-/// images: intrinsics are scaled to them.
+/// images: intrinsics are scaled to them. SCENE may be a COLMAP dense workspace too: its depth and
+/// normal maps, fusion.cfg and sparse model are read.
+///
+/// With --sweep the maps are read once and fused with a grid of parameters: OUT is a CSV of what
+/// each gives, scored where --truth is given.
 ///
 /// Example: mvs-eval fuse scene --depths estimates --confidence estimates/conf --out cloud.ply
 #[derive(Debug, Args, Serialize)]
@@ -21,9 +26,13 @@ pub(crate) struct FuseArgs {
     /// The folder of estimated depth maps, <id>.pfm (z-depth, 0 = none)
     #[arg(long, value_name = "DIR")]
     depths: Option<PathBuf>,
-    /// The folder of confidence maps, <id>.pfm
+    /// A folder of confidence maps, <id>.pfm; given several times, the smallest value counts
     #[arg(long, value_name = "DIR")]
-    confidence: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    confidence: Vec<PathBuf>,
+    /// Which maps of a COLMAP workspace: geometric (default) or photometric
+    #[arg(long, value_name = "PASS")]
+    stereo: Option<String>,
     /// The PLY to write
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -33,6 +42,22 @@ pub(crate) struct FuseArgs {
     /// Leave out points outside of this polygon crop volume (JSON, in the scene's frame)
     #[arg(long, value_name = "FILE")]
     crop: Option<PathBuf>,
+    /// Merge the points of each voxel of this edge (world units) into one, at their mean
+    #[arg(long, value_name = "EDGE")]
+    voxel: Option<f64>,
+    /// Write OUT.vis too: which views see each point, as COLMAP's meshers read it
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    vis: bool,
+    /// A folder for the depths that became points, <id>.pfm
+    #[arg(long, value_name = "DIR")]
+    filtered_depths: Option<PathBuf>,
+    /// full (default): points have violations and scale; basic: they have not
+    #[arg(long, value_name = "NAME")]
+    properties: Option<String>,
+    #[command(flatten)]
+    #[serde(skip)]
+    sweep: SweepFlags,
     /// Named set of options: blendedmvs, dtu, eth3d, tnt-advanced, tnt-intermediate
     #[arg(long, value_name = "NAME")]
     #[serde(skip)]
@@ -42,6 +67,53 @@ pub(crate) struct FuseArgs {
     pixel_center: Option<Centre>,
     #[command(flatten)]
     fuse: FuseFlags,
+}
+
+#[derive(Debug, Args)]
+struct SweepFlags {
+    /// Fuse with a grid of parameters and write a table of what each gives
+    #[arg(long)]
+    sweep: bool,
+    /// A cloud of the true surface to score each combination by
+    #[arg(long, value_name = "PLY", requires = "sweep", requires = "tau")]
+    truth: Option<PathBuf>,
+    /// The distance below which points count, world units
+    #[arg(long, value_name = "T", requires = "sweep")]
+    tau: Option<f64>,
+    /// Values of --max-pixel-error in the grid (default 0.5,1,2)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
+    sweep_pixel_error: Vec<f64>,
+    /// Values of --min-sources in the grid (default 2,3,5)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
+    sweep_min_sources: Vec<usize>,
+    /// Values of --min-confidence in the grid (default 0.3,0.6,0.8)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
+    sweep_min_confidence: Vec<f32>,
+}
+
+impl SweepFlags {
+    fn job(&self, fuse: FuseJob) -> SweepJob {
+        let or = SweepJob::default();
+        let given = |list: &[f64], or: Vec<f64>| if list.is_empty() { or } else { list.to_vec() };
+        SweepJob {
+            pixel_errors: given(&self.sweep_pixel_error, or.pixel_errors),
+            min_sources: match self.sweep_min_sources.is_empty() {
+                true => or.min_sources,
+                false => self.sweep_min_sources.clone(),
+            },
+            min_confidences: match self.sweep_min_confidence.is_empty() {
+                true => or.min_confidences,
+                false => self.sweep_min_confidence.clone(),
+            },
+            truth: self.truth.clone(),
+            tau: self.tau.unwrap_or_default(),
+            out: fuse.out.clone(),
+            fuse: FuseJob {
+                out: PathBuf::new(),
+                ..fuse
+            },
+        }
+    }
 }
 
 #[derive(Debug, Args, Serialize)]
@@ -76,7 +148,42 @@ pub(crate) struct FuseFlags {
 }
 
 pub(crate) fn run(args: &FuseArgs, global: &Global) -> anyhow::Result<Verdict> {
-    execute(&job(args, global)?, global)
+    let job = job(args, global)?;
+    if args.sweep.sweep {
+        return execute_sweep(&args.sweep.job(job), global);
+    }
+    execute(&job, global)
+}
+
+pub(crate) fn execute_sweep(job: &SweepJob, global: &Global) -> anyhow::Result<Verdict> {
+    let outcome = with_context(global, |context| sweep::run(job, context))?;
+    answer(global.format, &outcome, || {
+        let mut table = table(&[
+            "min confidence",
+            "min sources",
+            "max pixel error",
+            "points",
+            "precision",
+            "recall",
+            "F-score",
+        ]);
+        for row in &outcome.rows {
+            let score = row
+                .score
+                .map_or(["–".to_owned(), "–".into(), "–".into()], |score| {
+                    [score.precision(), score.recall(), score.f_score()].map(|v| format!("{v:.4}"))
+                });
+            let options = [
+                row.min_confidence.to_string(),
+                row.min_sources.to_string(),
+                row.max_pixel_error.to_string(),
+                row.points.to_string(),
+            ];
+            table.add_row(options.into_iter().chain(score));
+        }
+        table
+    })?;
+    Ok(Verdict::Passed)
 }
 
 /// The mode's options, overridden by the preset's, the file's, the flags'.
@@ -121,7 +228,10 @@ pub(crate) fn execute(job: &FuseJob, global: &Global) -> anyhow::Result<Verdict>
             ),
             ("too few views agree", counts.inconsistent.to_string()),
             ("contradicted", counts.contradicted.to_string()),
-            ("merged", counts.merged.to_string()),
+            (
+                "merged",
+                (counts.merged + outcome.merged_in_voxels).to_string(),
+            ),
             ("outside, masked or out of range", outside.to_string()),
         ])
     })?;

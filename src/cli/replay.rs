@@ -46,6 +46,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "report" => report::execute(&config::resolve(layers)?, global),
         "render" => render::execute(&config::resolve(layers)?, global),
         "score" => score::execute(&config::resolve(layers)?, global),
+        "sweep" => fuse::execute_sweep(&config::resolve(layers)?, global),
         "fuse" => fuse::execute(&config::resolve(layers)?, global),
         other => anyhow::bail!("{}: unknown command `{other}`", args.run.display()),
     }

@@ -4,7 +4,7 @@ use super::testing::{Plane, arc, depth_map, view};
 use super::{Estimate, FuseMode, FuseOptions, Fused, fuse};
 use crate::progress::Silent;
 use glam::{DVec2, DVec3};
-use mvs_datasets::scene::{Camera, DepthMap, Pose, View};
+use mvs_datasets::scene::{Camera, DepthMap, Pose, Raster, View};
 
 const MODES: [FuseMode; 5] = [
     FuseMode::Hkust,
@@ -240,5 +240,81 @@ fn a_thousand_views_are_fused() {
     for mode in [FuseMode::Hkust, FuseMode::Geo] {
         let found = fused(&estimates, mode);
         assert!(found.counts.fused > 10_000, "{mode:?} {:?}", found.counts);
+    }
+}
+
+#[test]
+fn infinite_negative_and_undefined_depths_and_confidences_count_as_none() {
+    let surface = |view: &View, pixel| plane(0.1).depth(view, pixel);
+    let mut estimates = arc(5, (32, 24), DVec3::ZERO, surface);
+    for estimate in &mut estimates {
+        let mut values = estimate.depth.values().to_vec();
+        for (at, bad) in [f32::NAN, f32::INFINITY, -1.0, f32::NEG_INFINITY]
+            .iter()
+            .enumerate()
+        {
+            values[40 + at] = *bad;
+        }
+        estimate.depth = DepthMap::from_values(32, 24, values).unwrap().0;
+        let mut confidence = vec![1.0; 32 * 24];
+        confidence[100] = f32::NAN;
+        confidence[101] = f32::NEG_INFINITY;
+        confidence[102] = f32::INFINITY;
+        estimate.confidence = Some(Raster::from_values(32, 24, confidence).unwrap());
+    }
+    for mode in MODES {
+        let found = fused(&estimates, mode);
+        assert_eq!(
+            (found.counts.empty, found.counts.unconfident),
+            (5 * 4, 5 * 2),
+            "{mode:?}"
+        );
+        assert!(found.cloud.len() > 100, "{mode:?}");
+    }
+}
+
+#[test]
+fn a_point_at_a_source_s_centre_and_behind_it_is_not_seen_by_it() {
+    // Source 4 stands on the surface itself: every point there has depth 0 or below in it.
+    let surface = |view: &View, pixel| plane(0.0).depth(view, pixel);
+    let mut estimates = arc(5, (32, 24), DVec3::ZERO, surface);
+    let eye = DVec3::ZERO;
+    estimates[4].view.pose = Pose::looking_at(eye, -plane(0.0).normal, DVec3::Y).unwrap();
+    estimates[4].depth = depth_map(&estimates[4].view, |_, _| 1.0);
+    for estimate in &mut estimates[..4] {
+        estimate.sources.retain(|&source| source != 4);
+    }
+    let modes = [FuseMode::Geo, FuseMode::Dynamic, FuseMode::Gipuma];
+    let without = modes.map(|mode| fused(&estimates[..4], mode).cloud.len());
+    for estimate in &mut estimates[..4] {
+        estimate.sources.push(4);
+    }
+    estimates[4].sources.clear();
+    for (mode, without) in modes.into_iter().zip(without) {
+        assert!(without > 100, "{mode:?} {without}");
+        assert_eq!(fused(&estimates, mode).cloud.len(), without, "{mode:?}");
+    }
+}
+
+#[test]
+fn images_of_one_row_or_one_column_are_fused() {
+    let surface = |view: &View, pixel| plane(0.0).depth(view, pixel);
+    for size in [(64, 1), (1, 48)] {
+        let mut estimates = arc(5, size, DVec3::ZERO, surface);
+        for estimate in &mut estimates {
+            let center = DVec2::new(0.5 * f64::from(size.0), 0.5 * f64::from(size.1));
+            estimate.view.camera = Camera::new(size.0, size.1, DVec2::splat(60.0), center).unwrap();
+            // All on one line of sight's plane: the same eye height.
+            let eye = estimate.view.pose.center_in_world() * DVec3::new(1.0, 0.0, 1.0);
+            estimate.view.pose = Pose::looking_at(eye, DVec3::ZERO, DVec3::Y).unwrap();
+            estimate.depth = depth_map(&estimate.view, surface);
+        }
+        for mode in MODES {
+            fused(&estimates, mode);
+        }
+        let found = fused(&estimates, FuseMode::Hkust);
+        assert!(found.cloud.len() > 5, "{size:?} {}", found.cloud.len());
+        // A row of pixels has no slope across it: the surface's own shows as depth error.
+        assert!(median_error(&found, plane(0.0), 4.0) < 5e-3, "{size:?}");
     }
 }

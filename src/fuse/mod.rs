@@ -30,6 +30,7 @@ pub mod sampling;
 mod selection;
 #[cfg(test)]
 mod testing;
+mod voxels;
 
 pub use counts::FuseCounts;
 pub use engine::{FuseInputs, columns, fuse_maps};
@@ -37,6 +38,7 @@ pub use inputs::{DepthMaps, MemoryScratch, Scratch};
 pub use options::{Colors, FuseMode, FuseOptions, Sampling, Visibility};
 pub use points::{Columns, PointSink, Points};
 pub use reference::Region;
+pub use voxels::VoxelSink;
 
 use crate::error::Result;
 use crate::progress::Progress;

@@ -2,20 +2,24 @@
 
 mod maps;
 mod output;
+pub mod sweep;
+mod workspace;
 
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::fuse::{
-    FuseCounts, FuseInputs, FuseOptions, MEMORY, MemoryScratch, Region, Scratch, columns, fuse_maps,
+    DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, MEMORY, MemoryScratch, PointSink,
+    Region, Scratch, VoxelSink, columns, fuse_maps,
 };
 use crate::provenance::Run;
 use glam::DVec3;
 use maps::{FileScratch, FolderMaps};
 use mvs_datasets::layout::files;
-use mvs_datasets::layout::mvsnet::PixelCentre;
+use mvs_datasets::layout::mvsnet::{self, PixelCentre};
 use mvs_datasets::layout::scratch::ScratchFolder;
+use mvs_datasets::layout::workspace::StereoPass;
 use mvs_metrics::crop::Prism;
-use output::PlySink;
+use output::{Outputs, Visible};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -24,22 +28,83 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FuseJob {
-    /// The scene: a folder with `cams/` (and `pair.txt`), and images for colours if there are any.
+    /// The scene: a folder with `cams/` (and `pair.txt`), and images for colours if there are any;
+    /// or a COLMAP dense workspace.
     pub scene: PathBuf,
-    /// The folder of estimated depth maps, `<id>.pfm`; they may be smaller than the images.
+    /// The folder of estimated depth maps, `<id>.pfm`; they may be smaller than the images. Empty
+    /// for a workspace, which has them.
     pub depths: PathBuf,
-    /// The folder of confidence maps, `<id>.pfm`, if there is one.
-    pub confidence: Option<PathBuf>,
-    /// The folder of masks, `<id>.png`, of the depth maps' size: pixels below 128 are left out.
+    /// Folders of confidence maps, `<id>.pfm`. Of several the smallest value counts; the first has
+    /// the depth maps' size, the others may have fewer pixels.
+    pub confidence: Vec<PathBuf>,
+    /// Which maps of a workspace.
+    pub stereo: StereoPass,
+    /// The folder of masks, `<id>.png` (of a workspace `<image name>.png`), of the depth maps' size:
+    /// pixels below 128 are left out.
     pub masks: Option<PathBuf>,
     /// A polygon crop volume (JSON as Open3D's) in the scene's frame: points outside are left out.
     pub crop: Option<PathBuf>,
     /// The PLY to write.
     pub out: PathBuf,
+    /// Merge the points of each voxel of this edge (world units) into one, as
+    /// [`VoxelSink`] says; 0 for no merging.
+    pub voxel: f64,
+    /// Write `<out>.vis` too: which views see each point, in COLMAP's format.
+    pub vis: bool,
+    /// A folder for the depths that became points, `<id>.pfm`, 0 = none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub filtered_depths: Option<PathBuf>,
+    /// Which properties the PLY's points have beside position, normal, colour, views and confidence.
+    pub properties: Properties,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
     /// How to fuse.
     pub fuse: FuseOptions,
+}
+
+/// Properties of points that not everybody wants.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Properties {
+    /// `violations` (views that see through the point) and `scale` (depth over focal length).
+    #[default]
+    Full,
+    /// None.
+    Basic,
+}
+
+impl FuseJob {
+    /// The confidence maps of the view `id`.
+    fn confidence_paths(&self, id: u32) -> Vec<PathBuf> {
+        let name = mvsnet::file_name(id, ".pfm");
+        let folders = self.confidence.iter();
+        folders.map(|folder| folder.join(&name)).collect()
+    }
+
+    fn check(&self) -> Result<()> {
+        self.fuse.check()?;
+        let merges = self.fuse.mode == FuseMode::Cluster || self.voxel != 0.0;
+        if self.filtered_depths.is_some() && merges {
+            let problem = "expected a mode whose points belong to pixels, found merged points: leave \
+                           out cluster and voxels";
+            return Err(Error::invalid("filtered depth maps", problem));
+        }
+        Ok(())
+    }
+
+    /// Everything that is read.
+    fn inputs(&self) -> Vec<&Path> {
+        let mut read = vec![self.scene.as_path()];
+        read.extend(Some(self.depths.as_path()).filter(|path| !path.as_os_str().is_empty()));
+        read.extend(self.confidence.iter().map(PathBuf::as_path));
+        read.extend(
+            [&self.masks, &self.crop]
+                .into_iter()
+                .flatten()
+                .map(PathBuf::as_path),
+        );
+        read
+    }
 }
 
 /// What was fused.
@@ -51,12 +116,18 @@ pub struct FuseOutcome {
     pub points: usize,
     /// What became of the pixels.
     pub counts: FuseCounts,
+    /// Points that became part of another one of their voxel.
+    pub merged_in_voxels: u64,
 }
 
 /// What stands in the JSON beside the cloud.
 #[derive(Serialize)]
 struct Report<'a> {
     version: &'a str,
+    /// Of the options: equal fingerprints, equal procedure. It stands in the PLY's header too.
+    fingerprint: String,
+    /// Edge of the voxels, 0 = none.
+    voxel: f64,
     options: &'a FuseOptions,
     #[serde(flatten)]
     outcome: &'a FuseOutcome,
@@ -68,7 +139,7 @@ struct Report<'a> {
 /// Intermediate maps lie in a temporary folder beside the cloud where they do not fit into memory.
 pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     check_out_file(&job.out, context.force)?;
-    job.fuse.check()?;
+    job.check()?;
     let maps = FolderMaps::open(job, context)?;
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
@@ -82,16 +153,9 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         progress: context.progress,
         warnings: context.warnings,
     };
-    let outcome = write_cloud(job, &inputs)?;
+    let outcome = write_cloud(job, &maps, (&inputs, context.force))?;
     write_report(job, &outcome)?;
-    let mut read = vec![job.scene.as_path(), job.depths.as_path()];
-    read.extend(
-        [&job.confidence, &job.masks, &job.crop]
-            .into_iter()
-            .flatten()
-            .map(PathBuf::as_path),
-    );
-    Run::new("fuse", job, &read)?.write(&run_file_beside(&job.out))?;
+    Run::new("fuse", job, &job.inputs())?.write(&run_file_beside(&job.out))?;
     Ok(outcome)
 }
 
@@ -113,22 +177,33 @@ fn scratch(maps: &FolderMaps<'_>, out: &Path) -> Result<Box<dyn Scratch>> {
     Ok(Box::new(FileScratch(ScratchFolder::beside(out)?)))
 }
 
-/// Streams the points into the PLY, which appears only when it is whole and not empty.
-fn write_cloud(job: &FuseJob, inputs: &FuseInputs<'_>) -> Result<FuseOutcome> {
+/// Fuses into the outputs, which appear only when they are whole and not empty.
+fn write_cloud(
+    job: &FuseJob,
+    maps: &FolderMaps<'_>,
+    (inputs, force): (&FuseInputs<'_>, bool),
+) -> Result<FuseOutcome> {
+    let visible = match job.vis {
+        true => Visible::create(&visible_path(&job.out), force)?,
+        false => Visible::None,
+    };
+    let depths = job.filtered_depths.as_deref();
+    let depths = depths.map(|folder| output::DepthFolder::create(folder, maps, force));
+    let depths = depths.transpose()?;
     let mut failed = None;
     let mut outcome = None;
     let written = files::write_atomically(&job.out, |out| {
-        let columns = columns(inputs.maps, &job.fuse);
-        let mut sink = PlySink::new(out, columns, &comments(&job.fuse), job.out.clone())?;
-        let fused = fuse_maps(inputs, &job.fuse, &mut sink).and_then(|counts| {
-            if sink.count() == 0 {
-                return Err(nothing(job, inputs.maps.count(), &counts));
-            }
-            Ok(counts)
-        });
-        match fused {
-            Ok(counts) => {
-                outcome = Some((sink.finish()?, counts));
+        let columns = columns(maps, &job.fuse);
+        let ply = output::PlySink::new(out, (columns, job.properties), &comments(job), &job.out)?;
+        let mut outputs = Outputs {
+            ply,
+            visible,
+            depths,
+            maps,
+        };
+        match fuse_into(job, inputs, &mut outputs) {
+            Ok((counts, merged)) => {
+                outcome = Some((outputs.finish()?, counts, merged));
                 Ok(())
             }
             Err(error) => {
@@ -141,12 +216,43 @@ fn write_cloud(job: &FuseJob, inputs: &FuseInputs<'_>) -> Result<FuseOutcome> {
         return Err(error);
     }
     written?;
-    let (points, counts) = outcome.unwrap_or_default();
+    let (points, counts, merged_in_voxels) = outcome.unwrap_or_default();
     Ok(FuseOutcome {
-        views: inputs.maps.count(),
+        views: maps.count(),
         points: usize::try_from(points).unwrap_or(usize::MAX),
         counts,
+        merged_in_voxels,
     })
+}
+
+/// Fuses, by way of voxels where they are asked for; an error where nothing comes out.
+fn fuse_into<W: Write + std::io::Seek>(
+    job: &FuseJob,
+    inputs: &FuseInputs<'_>,
+    outputs: &mut Outputs<'_, W>,
+) -> Result<(FuseCounts, u64)> {
+    let mut merged = 0;
+    let counts = if job.voxel == 0.0 {
+        fuse_maps(inputs, &job.fuse, outputs)?
+    } else {
+        let mut voxels = VoxelSink::new(job.voxel, columns(inputs.maps, &job.fuse))?;
+        let counts = fuse_maps(inputs, &job.fuse, &mut voxels)?;
+        let (points, others) = voxels.finish();
+        merged = others;
+        outputs.take(points, &counts)?;
+        counts
+    };
+    if outputs.ply.count() == 0 {
+        return Err(nothing(job, inputs.maps.count(), &counts));
+    }
+    Ok((counts, merged))
+}
+
+/// `cloud.ply.vis` for `cloud.ply`, as COLMAP names it.
+fn visible_path(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(".vis");
+    PathBuf::from(name)
 }
 
 fn nothing(job: &FuseJob, views: usize, counts: &FuseCounts) -> Error {
@@ -162,13 +268,30 @@ fn nothing(job: &FuseJob, views: usize, counts: &FuseCounts) -> Error {
         counts.contradicted,
         counts.outside
     );
-    Error::invalid(job.depths.display().to_string(), problem)
+    let place = if job.depths.as_os_str().is_empty() {
+        &job.scene
+    } else {
+        &job.depths
+    };
+    Error::invalid(place.display().to_string(), problem)
 }
 
-/// The header's comments: the program and every option.
-fn comments(options: &FuseOptions) -> Vec<String> {
-    let mut lines = vec![format!("mvs-eval {} fuse", crate::provenance::VERSION)];
-    let text = toml::to_string(options).unwrap_or_default();
+/// The first 16 hexadecimal digits of BLAKE3 over all options that decide which points come out, as
+/// TOML, and the voxels' edge.
+fn fingerprint(job: &FuseJob) -> String {
+    let options = toml::to_string(&job.fuse).unwrap_or_default();
+    let all = format!("{options}voxel = {:?}\n", job.voxel);
+    blake3::hash(all.as_bytes()).to_hex()[..16].to_owned()
+}
+
+/// The header's comments: the program, the fingerprint and every option.
+fn comments(job: &FuseJob) -> Vec<String> {
+    let mut lines = vec![
+        format!("mvs-eval {} fuse", crate::provenance::VERSION),
+        format!("fingerprint = {}", fingerprint(job)),
+        format!("voxel = {:?}", job.voxel),
+    ];
+    let text = toml::to_string(&job.fuse).unwrap_or_default();
     lines.extend(text.lines().map(str::to_owned));
     lines
 }
@@ -176,6 +299,8 @@ fn comments(options: &FuseOptions) -> Vec<String> {
 fn write_report(job: &FuseJob, outcome: &FuseOutcome) -> Result<()> {
     let report = Report {
         version: crate::provenance::VERSION,
+        fingerprint: fingerprint(job),
+        voxel: job.voxel,
         options: &job.fuse,
         outcome,
     };

@@ -1,16 +1,22 @@
 //! The file job on the synthetic scene: streaming, determinism, report, refusals.
 
 use glam::DVec3;
+use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};
+use mvs_datasets::layout::workspace::StereoPass;
 use mvs_datasets::layout::{files, mvsnet};
-use mvs_datasets::scene::ColorImage;
+use mvs_datasets::scene::{ColorImage, DepthMap, Raster, View};
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
-use mvs_eval::fuse::{FuseMode, FuseOptions, Visibility};
+use mvs_eval::fuse::{FuseMode, FuseOptions, Sampling, Visibility};
 use mvs_eval::jobs::Context;
-use mvs_eval::jobs::fuse::{FuseJob, FuseOutcome, run};
+use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
+use mvs_eval::jobs::fuse::{FuseJob, FuseOutcome, Properties, run};
 use mvs_eval::parallel::with_threads;
 use mvs_eval::progress::Silent;
+use mvs_eval::score::FinitePoints;
+use mvs_eval::score::plain::{Preparation, evaluate};
 use mvs_eval::warning::Warnings;
+use std::io::Write;
 use std::path::Path;
 
 fn scene() -> SyntheticScene {
@@ -54,7 +60,7 @@ fn write_scene(scene: &SyntheticScene, noise: Option<&DepthNoise>, folder: &Path
     FuseJob {
         scene: folder.to_path_buf(),
         depths: folder.join("depths"),
-        confidence: noise.map(|_| folder.join("confidence")),
+        confidence: noise.iter().map(|_| folder.join("confidence")).collect(),
         out: folder.join("cloud.ply"),
         ..FuseJob::default()
     }
@@ -182,4 +188,371 @@ fn refusals_are_one_sentence_and_leave_nothing_behind() {
     job.fuse.max_depth_error = -1.0;
     let message = fuse(&job, true).unwrap_err().to_string();
     assert!(message.contains("max_depth_error"), "{message}");
+}
+
+/// What COLMAP's stereo would leave behind: `write_scene`'s scene as a dense workspace, the depth maps
+/// with half the images' pixels.
+fn write_workspace(scene: &SyntheticScene, folder: &Path) {
+    let views = scene.scene().views();
+    let name = |id: u32| format!("photo_{}.png", 90 - id); // in the opposite order of ids
+    let stereo = folder.join("stereo");
+    let text = |path: &str, text: &str| {
+        files::write_atomically(&folder.join(path), |out| out.write_all(text.as_bytes())).unwrap();
+    };
+    let (mut cameras, mut images) = (String::new(), String::new());
+    let points: Vec<DVec3> = visible_points(scene);
+    for (index, view) in views.iter().enumerate() {
+        let (focal, center) = (view.camera.focal(), view.camera.center());
+        let id = 7 * index + 3;
+        cameras += &format!(
+            "{id} PINHOLE 160 120 {} {} {} {}\n",
+            focal.x, focal.y, center.x, center.y
+        );
+        let turn = glam::DQuat::from_mat3(&view.pose.rotation());
+        let move_by = view.pose.to_cam(DVec3::ZERO);
+        images += &format!(
+            "{id} {} {} {} {} {} {} {} {id} {}\n",
+            turn.w,
+            turn.x,
+            turn.y,
+            turn.z,
+            move_by.x,
+            move_by.y,
+            move_by.z,
+            name(view.id)
+        );
+        let seen = |point: &DVec3| {
+            let pixel = view.camera.project(view.pose.to_cam(*point));
+            pixel.is_some_and(|pixel| view.camera.contains(pixel))
+        };
+        let seen = (0..points.len()).filter(|&at| seen(&points[at]));
+        images += &(seen
+            .map(|at| format!("1 2 {} ", 5 * at))
+            .collect::<String>()
+            + "\n");
+        let file = name(view.id);
+        let map = |folder: &str| stereo.join(folder).join(format!("{file}.geometric.bin"));
+        let half = view.camera.resized(80, 60).unwrap();
+        let depth = depth_of(
+            scene,
+            &View {
+                camera: half,
+                ..view.clone()
+            },
+        );
+        files::write_atomically(&map("depth_maps"), |out| {
+            dense::write_gray(out, depth.raster())
+        })
+        .unwrap();
+        let normals = Raster::filled(80, 60, [0.0, 0.0, -1.0]).unwrap();
+        files::write_atomically(&map("normal_maps"), |out| {
+            dense::write_normals(out, &normals)
+        })
+        .unwrap();
+        let grey = ColorImage::filled(160, 120, [90, 100, 110]).unwrap();
+        let image_path = folder.join("images").join(&file);
+        files::write_atomically(&image_path, |out| image::write_png(out, &grey)).unwrap();
+    }
+    text("sparse/cameras.txt", &cameras);
+    text("sparse/images.txt", &images);
+    let line = |(at, p): (usize, &DVec3)| format!("{} {} {} {} 1 2 3 0.5\n", 5 * at, p.x, p.y, p.z);
+    text(
+        "sparse/points3D.txt",
+        &points.iter().enumerate().map(line).collect::<String>(),
+    );
+    let listed: Vec<String> = views[1..].iter().map(|view| name(view.id)).collect();
+    text("stereo/fusion.cfg", &(listed.join("\n") + "\n"));
+}
+
+fn depth_of(scene: &SyntheticScene, view: &View) -> DepthMap {
+    let (width, height) = (view.camera.width(), view.camera.height());
+    let at = |pixel: u32| {
+        let center = glam::DVec2::new(f64::from(pixel % width), f64::from(pixel / width)) + 0.5;
+        scene.depth_at(view, center).unwrap_or(0.0) as f32
+    };
+    let values = (0..width * height).map(at).collect();
+    DepthMap::from_values(width, height, values).unwrap().0
+}
+
+/// Points on the surface, as the first view sees them.
+fn visible_points(scene: &SyntheticScene) -> Vec<DVec3> {
+    let view = &scene.scene().views()[0];
+    let depth = scene.depth(0);
+    let pixels = (0..120)
+        .step_by(9)
+        .flat_map(|row| (0..160).step_by(9).map(move |c| (c, row)));
+    let point = |(column, row): (u32, u32)| {
+        let pixel = glam::DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+        let depth = f64::from(depth.get(column, row));
+        (depth > 0.0).then(|| view.pose.to_world(view.camera.ray(pixel) * depth))
+    };
+    pixels.filter_map(point).collect()
+}
+
+#[test]
+fn a_colmap_workspace_with_maps_smaller_than_its_images_fuses_onto_the_surface() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    write_workspace(&scene, folder.path());
+    let mut job = FuseJob {
+        scene: folder.path().to_path_buf(),
+        out: folder.path().join("cloud.ply"),
+        vis: true,
+        ..FuseJob::default()
+    };
+    let outcome = fuse(&job, false).unwrap();
+    assert_eq!(outcome.views, 11, "fusion.cfg leaves one out");
+    let cloud = files::read_cloud(&job.out).unwrap();
+    let counts = outcome.counts;
+    let with_depth = counts.pixels - counts.empty;
+    assert_eq!(
+        counts.pixels,
+        11 * 80 * 60,
+        "the maps' pixels, not the images'"
+    );
+    assert!(counts.fused > with_depth * 3 / 4, "{counts:?}");
+    let median = median_distance(&scene, cloud.positions());
+    // A pixel spans 0.05 here; half a pixel in K would show as 1e-2.
+    assert!(median < 2e-3, "{median:e}");
+    assert!(
+        cloud
+            .colors()
+            .unwrap()
+            .iter()
+            .all(|&color| color == [90, 100, 110])
+    );
+    // The given normals face each reference camera, turned into the world.
+    let toward = |normal: &glam::Vec3| {
+        let faces = |view: &View| {
+            (view.pose.to_world(DVec3::ZERO) - view.pose.to_world(DVec3::Z))
+                .as_vec3()
+                .dot(*normal)
+        };
+        scene
+            .scene()
+            .views()
+            .iter()
+            .map(faces)
+            .fold(0.0f32, f32::max)
+    };
+    assert!(
+        cloud
+            .normals()
+            .unwrap()
+            .iter()
+            .all(|normal| toward(normal) > 0.999_999)
+    );
+    // Images are counted by their COLMAP ids, the first of which is left out.
+    let bytes = std::fs::read(folder.path().join("cloud.ply.vis")).unwrap();
+    let mut words = bytes[8..]
+        .as_chunks::<4>()
+        .0
+        .iter()
+        .map(|&word| u32::from_le_bytes(word));
+    assert_eq!(bytes[..8], (cloud.len() as u64).to_le_bytes());
+    for &count in cloud.view_counts().unwrap() {
+        assert_eq!(words.next(), Some(count));
+        let mut views: Vec<u32> = words.by_ref().take(count as usize).collect();
+        views.sort_unstable();
+        assert!(views.iter().all(|view| (1..12).contains(view)), "{views:?}");
+        assert!(views.windows(2).all(|pair| pair[0] < pair[1]), "{views:?}");
+    }
+    assert_eq!(words.next(), None);
+    job.stereo = StereoPass::Photometric;
+    let message = fuse(&job, true).unwrap_err().to_string();
+    assert!(message.contains("photometric.bin, found none"), "{message}");
+}
+
+#[test]
+fn filtered_depths_are_the_fused_pixels_and_several_confidences_the_smallest() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    let filtered = folder.path().join("filtered");
+    job.filtered_depths = Some(filtered.clone());
+    job.fuse = FuseOptions::of(FuseMode::Geo);
+    let outcome = fuse(&job, false).unwrap();
+    let mut kept = 0;
+    for view in scene.scene().views() {
+        let name = mvsnet::file_name(view.id, ".pfm");
+        let (found, _) = files::read_depth(&filtered.join(&name)).unwrap();
+        let (given, _) = files::read_depth(&job.depths.join(&name)).unwrap();
+        kept += found.valid_count();
+        for (found, given) in found.values().iter().zip(given.values()) {
+            let near = (found / given - 1.0).abs() < 0.01;
+            assert!(*found == 0.0 || near, "{found} {given}");
+        }
+    }
+    assert_eq!(kept as u64, outcome.counts.fused);
+    // A second confidence of fewer pixels that forbids the left half.
+    let strict = folder.path().join("strict");
+    for view in scene.scene().views() {
+        let halves = (0..16 * 12).map(|at| if at % 16 < 8 { 0.1 } else { 1.0 });
+        let map = Raster::from_values(16, 12, halves.collect()).unwrap();
+        let path = strict.join(mvsnet::file_name(view.id, ".pfm"));
+        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+    }
+    job.confidence.push(strict);
+    fuse(&job, true).unwrap();
+    for view in scene.scene().views() {
+        let path = filtered.join(mvsnet::file_name(view.id, ".pfm"));
+        let (found, _) = files::read_depth(&path).unwrap();
+        let left = |at: usize| at % 160 < 80;
+        let values = found.values().iter().enumerate();
+        assert!(values.clone().all(|(at, depth)| !left(at) || *depth == 0.0));
+        assert!(values.clone().any(|(at, depth)| !left(at) && *depth > 0.0));
+    }
+    job.fuse.mode = FuseMode::Cluster;
+    let message = fuse(&job, true).unwrap_err().to_string();
+    assert!(message.contains("filtered depth maps"), "{message}");
+}
+
+#[test]
+fn voxels_merge_and_the_fingerprint_stands_in_header_and_report() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    job.properties = Properties::Basic;
+    let all = fuse(&job, false).unwrap();
+    job.voxel = 0.05;
+    let header = |path: &Path| {
+        let bytes = std::fs::read(path).unwrap();
+        String::from_utf8_lossy(&bytes[..2500.min(bytes.len())]).into_owned()
+    };
+    let before = header(&job.out);
+    assert!(!before.contains("violations") && !before.contains("property float scale"));
+    let outcome = fuse(&job, true).unwrap();
+    let cloud = files::read_cloud(&job.out).unwrap();
+    assert_eq!(
+        outcome.points + outcome.merged_in_voxels as usize,
+        all.points
+    );
+    assert!(
+        outcome.points < all.points / 4,
+        "{} {}",
+        outcome.points,
+        all.points
+    );
+    let mut voxels: Vec<[i64; 3]> = cloud
+        .positions()
+        .iter()
+        .map(|p| (*p / 0.05).floor().to_array().map(|at| at as i64))
+        .collect();
+    voxels.sort_unstable();
+    assert!(
+        voxels.windows(2).all(|pair| pair[0] != pair[1]),
+        "one point per voxel"
+    );
+    let report: serde_json::Value =
+        serde_json::from_str(&files::read_text(&folder.path().join("cloud.json")).unwrap())
+            .unwrap();
+    let print = report["fingerprint"].as_str().unwrap();
+    let line = format!("comment fingerprint = {print}");
+    assert!(print.len() == 16 && header(&job.out).contains(&line));
+    assert!(!before.contains(&line), "other options, other fingerprint");
+    assert_eq!(report["counts"]["pixels"], 12 * 160 * 120);
+}
+
+#[test]
+fn a_sweep_reads_once_and_each_line_is_what_fusing_gives() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let fuse_job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    let truth = folder.path().join("truth.ply");
+    let mut plain = fuse_job.clone();
+    plain.depths = folder.path().join("exact");
+    for (index, view) in scene.scene().views().iter().enumerate() {
+        let path = plain.depths.join(mvsnet::file_name(view.id, ".pfm"));
+        let depth = scene.depth(index);
+        files::write_atomically(&path, |out| pfm::write_gray(out, depth.raster())).unwrap();
+    }
+    (plain.out, plain.confidence) = (truth.clone(), Vec::new());
+    fuse(&plain, false).unwrap();
+    let job = SweepJob {
+        out: folder.path().join("sweep.csv"),
+        pixel_errors: vec![0.25, 1.0],
+        min_sources: vec![2, 4],
+        min_confidences: vec![0.5],
+        truth: Some(truth),
+        tau: 0.02,
+        fuse: fuse_job.clone(),
+    };
+    let warnings = Warnings::default();
+    let context = Context {
+        progress: &Silent,
+        warnings: &warnings,
+        force: false,
+    };
+    let outcome = sweep::run(&job, &context).unwrap();
+    assert_eq!(outcome.rows.len(), 4);
+    for row in &outcome.rows {
+        let mut one = fuse_job.clone();
+        one.fuse.max_pixel_error = row.max_pixel_error;
+        one.fuse.min_sources = row.min_sources;
+        one.fuse.min_confidence = 0.5;
+        let alone = fuse(&one, true).unwrap();
+        assert_eq!((alone.points, alone.counts), (row.points, row.counts));
+        let score = row.score.unwrap();
+        assert!(
+            score.f_score() > 0.5 && score.precision() > 0.9,
+            "{score:?}"
+        );
+    }
+    let points = |at: usize| outcome.rows[at].points;
+    // Confidence outermost, pixel error innermost: looser gates and fewer sources give more.
+    assert!(points(0) < points(1) && points(2) < points(0) && points(3) < points(1));
+    let csv = files::read_text(&job.out).unwrap();
+    assert_eq!(csv.lines().count(), 5);
+    assert!(
+        csv.lines().nth(1).unwrap().starts_with("0.5,2,0.25,"),
+        "{csv}"
+    );
+    let (low, high) = outcome.fscore.unwrap();
+    assert!(low < high);
+    assert!(sweep::run(&job, &context).is_err(), "kept without --force");
+}
+
+#[test]
+fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
+    let options = SyntheticOptions {
+        views: 6,
+        width: 160,
+        height: 120,
+        ..SyntheticOptions::default()
+    };
+    let scene = SyntheticScene::new(options).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let mut exact = write_scene(&scene, None, folder.path());
+    exact.out = folder.path().join("truth.ply");
+    exact.fuse.min_sources = 2;
+    fuse(&exact, false).unwrap();
+    let truth = FinitePoints::new(files::read_cloud(&exact.out).unwrap().positions().to_vec());
+    let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    // Every eighth pixel or so is gone, as after a confidence filter.
+    for view in scene.scene().views() {
+        let path = job.depths.join(mvsnet::file_name(view.id, ".pfm"));
+        let mut map = files::read_raster(&path).unwrap();
+        for (at, depth) in map.values_mut().iter_mut().enumerate() {
+            let hash = (at as u32 ^ (view.id << 20)).wrapping_mul(2_654_435_761) >> 16;
+            if hash % 8 == 0 {
+                *depth = 0.0;
+            }
+        }
+        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+    }
+    job.fuse.min_sources = 3;
+    job.fuse.soften = false;
+    // About two thirds of what a pixel spans.
+    let tau = mvs_metrics::Tolerance::new(0.012).unwrap();
+    let [valid, plain] = [Sampling::Valid, Sampling::Plain].map(|sampling| {
+        job.fuse.sampling = sampling;
+        fuse(&job, true).unwrap();
+        let found = files::read_cloud(&job.out).unwrap();
+        let found = FinitePoints::new(found.positions().to_vec());
+        let judged = evaluate(&found, None, &truth, &Preparation::default()).unwrap();
+        let score = judged.score(tau);
+        (score.precision(), score.recall())
+    });
+    assert!(valid.1 > plain.1 + 0.15, "{valid:?} {plain:?}");
+    assert!(valid.0 > plain.0 - 0.005, "{valid:?} {plain:?}");
 }

@@ -33,7 +33,7 @@ pub fn write_atomically(
 }
 
 /// A temporary file with the permissions that a plain new file has.
-fn temporary_file(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+pub(super) fn temporary_file(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".mvs-eval-").suffix(".part");
     #[cfg(unix)]

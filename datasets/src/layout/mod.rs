@@ -11,3 +11,5 @@ pub mod mvsnet;
 pub mod scratch;
 pub mod sparse;
 pub mod tnt;
+pub mod visible;
+pub mod workspace;

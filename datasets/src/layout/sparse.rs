@@ -16,6 +16,8 @@ pub struct SparseModel {
     pub points: Vec<DVec3>,
     /// Per view the places in `points` of those it saw, ascending, each once.
     pub seen: Vec<Vec<usize>>,
+    /// Per view its place among the model's images by their COLMAP ids.
+    pub places: Vec<u32>,
 }
 
 /// Reads the COLMAP model at or under `path`, binary or text, whatever its ids.
@@ -37,19 +39,28 @@ pub fn read_sparse(path: &Path, options: &CamerasOptions) -> Result<SparseModel>
         seen.dedup();
         seen
     });
-    let mut rows: Vec<(View, Vec<usize>)> = model.views()?.into_iter().zip(seen).collect();
+    let mut ids: Vec<u32> = model.images.iter().map(|image| image.id).collect();
+    ids.sort_unstable();
+    let image_ids = model.images.iter().map(|image| image.id);
+    let places_by_id = image_ids.map(|id| ids.partition_point(|&other| other < id));
+    let mut rows: Vec<(View, (Vec<usize>, u32))> = model
+        .views()?
+        .into_iter()
+        .zip(seen.zip(places_by_id.map(|place| u32::try_from(place).unwrap_or(u32::MAX))))
+        .collect();
     rows.sort_by_key(|(view, _)| view.id);
-    if rows.iter().all(|(_, seen)| seen.is_empty()) {
+    if rows.iter().all(|(_, (seen, _))| seen.is_empty()) {
         let problem = format!(
             "expected images that saw points of points3D, found {} points and none seen",
             model.points.len()
         );
         return Err(Error::layout(place, problem));
     }
-    let (views, seen) = rows.into_iter().unzip();
+    let (views, (seen, places)) = rows.into_iter().unzip();
     Ok(SparseModel {
         views,
         points: model.points.iter().map(|point| point.position).collect(),
         seen,
+        places,
     })
 }

@@ -138,7 +138,7 @@ fn fuse_job(out: &OutDir, inputs: &Inputs, scene: PathBuf) -> FuseJob {
     FuseJob {
         scene,
         depths: inputs.depths.clone(),
-        confidence: Some(inputs.confidence.clone()),
+        confidence: vec![inputs.confidence.clone()],
         out: out.file("cloud.ply"),
         fuse: FuseOptions::default(),
         ..FuseJob::default()

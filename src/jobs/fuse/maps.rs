@@ -1,15 +1,17 @@
 //! A folder of depth maps, read one at a time.
 
-use super::FuseJob;
+use super::{FuseJob, workspace};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, Scratch};
 use crate::jobs::Context;
 use crate::warning::Warnings;
+use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, CamsOptions};
 use mvs_datasets::layout::scratch::ScratchFolder;
-use mvs_datasets::scene::{ColorImage, DepthMap, Mask, Raster, Scene, View};
+use mvs_datasets::layout::workspace::Workspace;
+use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, Scene, View};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -24,29 +26,42 @@ pub(super) struct FolderMaps<'a> {
     warnings: &'a Warnings,
 }
 
-struct Entry {
-    view: View,
-    sources: Vec<usize>,
-    depth: PathBuf,
-    confidence: Option<PathBuf>,
-    mask: Option<PathBuf>,
-    image: Option<PathBuf>,
+/// The files of one view.
+pub(super) struct Entry {
+    /// With the camera for the depth map's size.
+    pub(super) view: View,
+    pub(super) sources: Vec<usize>,
+    /// The view's place among all of the scene, whether they have a depth map or not.
+    pub(super) number: u32,
+    pub(super) encoding: Encoding,
+    pub(super) depth: PathBuf,
+    pub(super) normals: Option<PathBuf>,
+    pub(super) confidence: Vec<PathBuf>,
+    pub(super) mask: Option<PathBuf>,
+    pub(super) image: Option<PathBuf>,
+}
+
+/// How depth and normals are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    /// PFM.
+    Pfm,
+    /// COLMAP's dense arrays.
+    Dense,
 }
 
 impl<'a> FolderMaps<'a> {
     /// Finds the files of `job` and reads the headers of its depth maps.
     pub(super) fn open(job: &FuseJob, context: &Context<'a>) -> Result<Self> {
-        let options = CamsOptions {
-            pixel_centre: job.pixel_center,
-            size: image_size(job)?,
+        let entries = match Workspace::at(&job.scene) {
+            Some(workspace) if job.depths.as_os_str().is_empty() => {
+                workspace::entries(job, &workspace, context)?
+            }
+            _ => cams_entries(job, context)?,
         };
-        let scene = mvsnet::read_scene(&job.scene, &options)?;
-        let present = present_views(job, &scene, context)?;
-        let entry = |&index: &usize| Entry::find(job, &scene, &present, index);
-        let entries: Vec<Entry> = present.iter().map(entry).collect::<Result<_>>()?;
         Ok(Self {
             has_images: entries.iter().all(|entry| entry.image.is_some()),
-            has_confidence: job.confidence.is_some(),
+            has_confidence: !job.confidence.is_empty(),
             entries,
             warnings: context.warnings,
         })
@@ -61,23 +76,45 @@ impl<'a> FolderMaps<'a> {
     }
 }
 
+/// The views of a folder of cams that have a depth map in the job's folder.
+fn cams_entries(job: &FuseJob, context: &Context<'_>) -> Result<Vec<Entry>> {
+    let options = CamsOptions {
+        pixel_centre: job.pixel_center,
+        size: image_size(job)?,
+    };
+    let scene = mvsnet::read_scene(&job.scene, &options)?;
+    let present = present_views(job, &scene, context)?;
+    let entry = |&index: &usize| Entry::find(job, &scene, &present, index);
+    present.iter().map(entry).collect()
+}
+
+/// Checks that there are depth maps, and warns of views without one; `example` is one's path.
+pub(super) fn check_present(
+    (present, all): (usize, usize),
+    example: &Path,
+    context: &Context<'_>,
+) -> Result<()> {
+    if present == 0 {
+        let folder = example.parent().unwrap_or(example);
+        let name = example.file_name().unwrap_or_default().to_string_lossy();
+        let problem = format!("expected depth maps named like {name}, found none");
+        return Err(Error::invalid(folder.display().to_string(), problem));
+    }
+    if present < all {
+        let message = format!("{} views have no depth map", all - present);
+        context.warnings.add("missing-depth", message);
+    }
+    Ok(())
+}
+
 /// Positions in `scene` of the views that have a depth map.
 fn present_views(job: &FuseJob, scene: &Scene, context: &Context<'_>) -> Result<Vec<usize>> {
     let all = 0..scene.views().len();
     let there = |&index: &usize| depth_path(job, &scene.views()[index]).exists();
     let present: Vec<usize> = all.filter(there).collect();
-    if present.is_empty() {
-        let problem = format!(
-            "expected depth maps named like {}, found none",
-            mvsnet::file_name(scene.views().first().map_or(0, |view| view.id), ".pfm")
-        );
-        return Err(Error::invalid(job.depths.display().to_string(), problem));
-    }
-    if present.len() < scene.views().len() {
-        let missing = scene.views().len() - present.len();
-        let message = format!("{missing} views have no depth map");
-        context.warnings.add("missing-depth", message);
-    }
+    let first = scene.views().first().map_or(0, |view| view.id);
+    let example = job.depths.join(mvsnet::file_name(first, ".pfm"));
+    check_present((present.len(), scene.views().len()), &example, context)?;
     Ok(present)
 }
 
@@ -94,12 +131,14 @@ impl Entry {
         let position_of = |id: u32| present.binary_search(&scene.index_of(id)?).ok();
         let listed = scene.sources_of(index).iter();
         let sources = listed.filter_map(|source| position_of(source.id)).collect();
-        let in_folder = |folder: &PathBuf| folder.join(mvsnet::file_name(view.id, ".pfm"));
         let mask = job.masks.as_ref().map(|folder| find_mask(folder, view.id));
         Ok(Self {
             sources,
+            number: u32::try_from(index).unwrap_or(u32::MAX),
+            encoding: Encoding::Pfm,
             depth,
-            confidence: job.confidence.as_ref().map(in_folder),
+            normals: None,
+            confidence: job.confidence_paths(view.id),
             mask: mask.transpose()?,
             image: find_image(&job.scene, view.id),
             view: View {
@@ -159,8 +198,11 @@ impl DepthMaps for FolderMaps<'_> {
     }
 
     fn depth(&self, index: usize) -> Result<DepthMap> {
-        let path = &self.entries[index].depth;
-        let (depth, rejected) = files::read_depth(path)?;
+        let (path, encoding) = (&self.entries[index].depth, self.entries[index].encoding);
+        let (depth, rejected) = match encoding {
+            Encoding::Pfm => files::read_depth(path)?,
+            Encoding::Dense => DepthMap::clean(files::read_with(path, dense::read_gray)?),
+        };
         if rejected.total() > 0 {
             let message = format!(
                 "{}: {} NaN, {} infinite and {} negative depths count as none",
@@ -175,12 +217,30 @@ impl DepthMaps for FolderMaps<'_> {
     }
 
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
-        let Some(path) = &self.entries[index].confidence else {
+        let camera = &self.entries[index].view.camera;
+        let size = (camera.width(), camera.height());
+        let mut least: Option<Raster<f32>> = None;
+        for path in &self.entries[index].confidence {
+            let map = files::read_raster(path)?;
+            if map.width() > size.0 || map.height() > size.1 || least.is_none() {
+                // The first one, and none, is larger than the depth map.
+                self.check_size(index, path, map.size())?;
+            }
+            least = Some(match least {
+                None => map,
+                Some(least) => smaller(least, &map),
+            });
+        }
+        Ok(least)
+    }
+
+    fn normals(&self, index: usize) -> Result<Option<NormalMap>> {
+        let Some(path) = &self.entries[index].normals else {
             return Ok(None);
         };
-        let raster = files::read_raster(path)?;
-        self.check_size(index, path, raster.size())?;
-        Ok(Some(raster))
+        let normals = files::read_with(path, dense::read_normals)?;
+        self.check_size(index, path, normals.size())?;
+        Ok(Some(normals))
     }
 
     fn mask(&self, index: usize) -> Result<Option<Mask>> {
@@ -206,7 +266,34 @@ impl DepthMaps for FolderMaps<'_> {
     }
 }
 
+/// The smaller value at each pixel; where `other` has fewer pixels, its nearest. NaN stays NaN.
+fn smaller(mut least: Raster<f32>, other: &Raster<f32>) -> Raster<f32> {
+    let (width, height) = least.size();
+    let nearest = |index: u32, length: u32, of: u32| {
+        let at = (2 * u64::from(index) + 1) * u64::from(of) / (2 * u64::from(length));
+        u32::try_from(at).unwrap_or(u32::MAX).min(of - 1)
+    };
+    for row in 0..height {
+        for column in 0..width {
+            let at = (
+                nearest(column, width, other.width()),
+                nearest(row, height, other.height()),
+            );
+            let value = other.get(at.0, at.1);
+            if value < least.get(column, row) || value.is_nan() {
+                least.set(column, row, value);
+            }
+        }
+    }
+    least
+}
+
 impl FolderMaps<'_> {
+    /// The place among all views of the scene of the view number `index`.
+    pub(super) fn number(&self, index: usize) -> u32 {
+        self.entries[index].number
+    }
+
     /// Checks that what was read from `path` has the size of the view's depth map.
     fn check_size(&self, index: usize, path: &Path, found: (u32, u32)) -> Result<()> {
         let camera = &self.entries[index].view.camera;

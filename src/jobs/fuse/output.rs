@@ -1,16 +1,114 @@
-//! Points into a PLY as they come.
+//! Points into a PLY as they come, and what stands beside it.
 
-use crate::error::Result;
-use crate::fuse::{Columns, FuseCounts, PointSink, Points};
+use super::Properties;
+use super::maps::FolderMaps;
+use crate::error::{Error, Result};
+use crate::fuse::{Columns, DepthMaps, FuseCounts, PointSink, Points};
+use mvs_datasets::format::pfm;
 use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
+use mvs_datasets::layout::visible::VisibleWriter;
+use mvs_datasets::layout::{files, mvsnet};
+use mvs_datasets::scene::Raster;
 use std::io::{Seek, Write};
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Everything that points go to.
+pub(super) struct Outputs<'a, W> {
+    pub(super) ply: PlySink<W>,
+    pub(super) visible: Visible,
+    pub(super) depths: Option<DepthFolder>,
+    pub(super) maps: &'a FolderMaps<'a>,
+}
+
+impl<W: Write + Seek> Outputs<'_, W> {
+    /// Completes all of them; the number of points.
+    pub(super) fn finish(self) -> std::io::Result<u64> {
+        if let Visible::Writer(writer) = self.visible {
+            writer.finish()?;
+        }
+        self.ply.finish()
+    }
+}
+
+impl<W: Write + Seek> PointSink for Outputs<'_, W> {
+    fn take(&mut self, points: &Points, counts: &FuseCounts) -> Result<()> {
+        if let Visible::Writer(writer) = &mut self.visible {
+            let mut views = points.visible_in.as_slice();
+            for &count in &points.view_counts {
+                let (own, others) = views.split_at(count as usize);
+                writer.write(own.iter().map(|&view| self.maps.number(view as usize)))?;
+                views = others;
+            }
+        }
+        if let Some(depths) = &mut self.depths {
+            depths.write(points, self.maps)?;
+        }
+        self.ply.take(points, counts)
+    }
+}
+
+/// COLMAP's side car, or none.
+pub(super) enum Visible {
+    /// Not wanted.
+    None,
+    /// Being written.
+    Writer(VisibleWriter),
+}
+
+impl Visible {
+    pub(super) fn create(path: &Path, force: bool) -> Result<Self> {
+        crate::jobs::check_out_file(path, force)?;
+        Ok(Self::Writer(VisibleWriter::create(path)?))
+    }
+}
+
+/// The depths that became points, view by view, as maps.
+pub(super) struct DepthFolder {
+    path: PathBuf,
+    /// Views whose points have come.
+    done: usize,
+}
+
+impl DepthFolder {
+    pub(super) fn create(path: &Path, maps: &FolderMaps<'_>, force: bool) -> Result<Self> {
+        let file = |index| path.join(mvsnet::file_name(maps.view(index).id, ".pfm"));
+        let there = (0..maps.count()).map(file).find(|file| file.exists());
+        if let (Some(there), false) = (there, force) {
+            return Err(Error::exists(&there));
+        }
+        let path = path.to_path_buf();
+        Ok(Self { path, done: 0 })
+    }
+
+    /// Writes the map of the next view: each point is at the pixel that it came from.
+    fn write(&mut self, points: &Points, maps: &FolderMaps<'_>) -> Result<()> {
+        let view = maps.view(self.done);
+        self.done += 1;
+        let camera = &view.camera;
+        let mut map = Raster::filled(camera.width(), camera.height(), 0.0f32)?;
+        for &position in &points.positions {
+            let in_cam = view.pose.to_cam(position);
+            let Some(pixel) = camera.project(in_cam) else {
+                continue;
+            };
+            let pixel = pixel.floor().as_uvec2(); // saturates
+            let (column, row) = (pixel.x.min(map.width() - 1), pixel.y.min(map.height() - 1));
+            #[allow(clippy::cast_possible_truncation, reason = "depths are f32")]
+            map.set(column, row, in_cam.z as f32);
+        }
+        let path = self.path.join(mvsnet::file_name(view.id, ".pfm"));
+        Ok(files::write_atomically(&path, |out| {
+            pfm::write_gray(out, &map)
+        })?)
+    }
+}
 
 /// Writes points as rows of a PLY.
 pub(super) struct PlySink<W> {
     writer: StreamWriter<W>,
     columns: Columns,
+    properties: Properties,
     /// For errors.
     path: PathBuf,
     /// Room for rows.
@@ -21,7 +119,7 @@ pub(super) struct PlySink<W> {
 const ROWS: usize = 4096;
 
 /// The vertex's properties.
-fn properties(columns: Columns) -> Vec<(&'static str, Scalar)> {
+fn properties((columns, properties): (Columns, Properties)) -> Vec<(&'static str, Scalar)> {
     // Doubles, because scenes may lie at large offsets.
     let mut all = vec![
         ("x", Scalar::Double),
@@ -38,21 +136,24 @@ fn properties(columns: Columns) -> Vec<(&'static str, Scalar)> {
     if columns.has(Columns::CONFIDENCES) {
         all.push(("confidence", Scalar::Float));
     }
-    all.extend([("violations", Scalar::Uint), ("scale", Scalar::Float)]);
+    if properties == Properties::Full {
+        all.extend([("violations", Scalar::Uint), ("scale", Scalar::Float)]);
+    }
     all
 }
 
 impl<W: Write + Seek> PlySink<W> {
     pub(super) fn new(
         out: W,
-        columns: Columns,
+        (columns, extra): (Columns, Properties),
         comments: &[String],
-        path: PathBuf,
+        path: &Path,
     ) -> std::io::Result<Self> {
         Ok(Self {
-            writer: StreamWriter::new(out, &properties(columns), comments)?,
+            writer: StreamWriter::new(out, &properties((columns, extra)), comments)?,
             columns,
-            path,
+            properties: extra,
+            path: path.to_path_buf(),
             rows: Vec::new(),
         })
     }
@@ -86,8 +187,10 @@ impl<W: Write + Seek> PlySink<W> {
             if self.columns.has(Columns::CONFIDENCES) {
                 rows.extend(points.confidences[at].to_le_bytes());
             }
-            rows.extend(points.violations[at].to_le_bytes());
-            rows.extend(points.scales[at].to_le_bytes());
+            if self.properties == Properties::Full {
+                rows.extend(points.violations[at].to_le_bytes());
+                rows.extend(points.scales[at].to_le_bytes());
+            }
         }
     }
 }

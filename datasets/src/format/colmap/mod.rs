@@ -3,6 +3,7 @@
 //! Pixel centres are at (0.5, 0.5) and poses are `cam_from_world`, as in this crate.
 
 mod binary;
+pub mod dense;
 mod text;
 
 pub use binary::{

@@ -1,0 +1,229 @@
+//! One point per voxel: what several views' pixels say of the same place, merged.
+
+use super::counts::FuseCounts;
+use super::points::{Columns, PointSink, Points};
+use crate::error::{Error, Result};
+use glam::{DVec3, Vec3};
+use std::collections::HashMap;
+
+/// Merges points as they come.
+///
+/// The rule: voxels of edge `size` tile the world from its origin; the points in one become one, at
+/// their mean. Normals (made unit length again), colours and confidences are means too; a point is
+/// seen by all views that any of its points is seen by, `violations` is the largest and `scale` the
+/// smallest. Merged points stand in the order in which their first points came. All of them are in
+/// memory.
+#[derive(Debug)]
+pub struct VoxelSink {
+    size: f64,
+    columns: Columns,
+    /// Place in `cells` by voxel; never walked through.
+    places: HashMap<[i64; 3], usize>,
+    cells: Vec<Cell>,
+    taken: u64,
+}
+
+/// What one voxel holds: sums, and what is kept.
+#[derive(Debug, Clone)]
+struct Cell {
+    /// Offset from here keeps sums exact at large coordinates.
+    first: DVec3,
+    count: u32,
+    offset: DVec3,
+    normal: Vec3,
+    color: [u32; 3],
+    confidence: f64,
+    violations: u32,
+    scale: f32,
+    views: Vec<u32>,
+}
+
+impl VoxelSink {
+    /// Voxels of edge `size` in world units.
+    ///
+    /// # Errors
+    /// A size that is not finite and above 0.
+    pub fn new(size: f64, columns: Columns) -> Result<Self> {
+        if !(size.is_finite() && size > 0.0) {
+            let problem = format!("expected an edge above 0, found {size}");
+            return Err(Error::invalid("voxel", problem));
+        }
+        Ok(Self {
+            size,
+            columns,
+            places: HashMap::new(),
+            cells: Vec::new(),
+            taken: 0,
+        })
+    }
+
+    /// The merged points, and how many points became part of another one.
+    pub fn finish(self) -> (Points, u64) {
+        let mut points = Points::default();
+        let merged = self.taken - self.cells.len() as u64;
+        for cell in self.cells {
+            cell.push(self.columns, &mut points);
+        }
+        (points, merged)
+    }
+
+    fn cell(&mut self, position: DVec3) -> Result<&mut Cell> {
+        let index = (position / self.size).floor();
+        if index.abs().max_element() > 9e15 {
+            let problem = format!(
+                "expected an edge that counts the voxels up to {position}, found {}",
+                self.size
+            );
+            return Err(Error::invalid("voxel", problem));
+        }
+        let key = [index.x as i64, index.y as i64, index.z as i64];
+        let next = self.cells.len();
+        let place = *self.places.entry(key).or_insert(next);
+        if place == next {
+            self.cells.push(Cell::at(position));
+        }
+        Ok(&mut self.cells[place])
+    }
+}
+
+impl Cell {
+    fn at(position: DVec3) -> Self {
+        Self {
+            first: position,
+            count: 0,
+            offset: DVec3::ZERO,
+            normal: Vec3::ZERO,
+            color: [0; 3],
+            confidence: 0.0,
+            violations: 0,
+            scale: f32::INFINITY,
+            views: Vec::new(),
+        }
+    }
+
+    fn push(mut self, columns: Columns, points: &mut Points) {
+        self.views.sort_unstable();
+        self.views.dedup();
+        let count = f64::from(self.count);
+        points.positions.push(self.first + self.offset / count);
+        if columns.has(Columns::NORMALS) {
+            points.normals.push(self.normal.normalize_or_zero());
+        }
+        if columns.has(Columns::COLORS) {
+            let mean = |sum: u32| u8::try_from((sum + self.count / 2) / self.count);
+            points
+                .colors
+                .push(self.color.map(|sum| mean(sum).unwrap_or(u8::MAX)));
+        }
+        if columns.has(Columns::CONFIDENCES) {
+            #[allow(clippy::cast_possible_truncation, reason = "a mean of f32")]
+            points.confidences.push((self.confidence / count) as f32);
+        }
+        points
+            .view_counts
+            .push(u32::try_from(self.views.len()).unwrap_or(u32::MAX));
+        points.violations.push(self.violations);
+        points.scales.push(self.scale);
+        points.visible_in.extend(self.views);
+    }
+}
+
+impl PointSink for VoxelSink {
+    fn take(&mut self, points: Points, _counts: &FuseCounts) -> Result<()> {
+        let mut views = points.visible_in.as_slice();
+        let columns = self.columns;
+        for (at, &position) in points.positions.iter().enumerate() {
+            let (own, others) = views.split_at(points.view_counts[at] as usize);
+            views = others;
+            let cell = self.cell(position)?;
+            cell.count += 1;
+            cell.offset += position - cell.first;
+            if columns.has(Columns::NORMALS) {
+                cell.normal += points.normals[at];
+            }
+            if columns.has(Columns::COLORS) {
+                for (sum, value) in cell.color.iter_mut().zip(points.colors[at]) {
+                    *sum += u32::from(value);
+                }
+            }
+            if columns.has(Columns::CONFIDENCES) {
+                cell.confidence += f64::from(points.confidences[at]);
+            }
+            cell.violations = cell.violations.max(points.violations[at]);
+            cell.scale = cell.scale.min(points.scales[at]);
+            cell.views.extend(own);
+        }
+        self.taken += points.len() as u64;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(rows: &[([f64; 3], &[u32])]) -> Points {
+        let mut points = Points::default();
+        for (index, (position, views)) in (0u8..).zip(rows) {
+            points.positions.push(DVec3::from_array(*position));
+            points.normals.push(if index.is_multiple_of(2) {
+                Vec3::X
+            } else {
+                Vec3::Y
+            });
+            points.colors.push([index * 10, 0, 255]);
+            points.confidences.push(f32::from(index));
+            points.view_counts.push(views.len() as u32);
+            points.violations.push(u32::from(index));
+            points.scales.push(1.0 + f32::from(index));
+            points.visible_in.extend(*views);
+        }
+        points
+    }
+
+    #[test]
+    fn points_of_one_voxel_become_one_by_the_stated_rule() {
+        let columns = Columns::NORMALS
+            .and(Columns::COLORS)
+            .and(Columns::CONFIDENCES);
+        let mut sink = VoxelSink::new(0.5, columns).unwrap();
+        let given = points(&[
+            ([0.1, 0.1, 0.1], &[0, 2]),
+            ([-0.1, 0.1, 0.1], &[1]),
+            ([0.3, 0.2, 0.1], &[2, 1, 4]),
+        ]);
+        sink.take(given, &FuseCounts::default()).unwrap();
+        sink.take(points(&[([0.2, 0.3, 0.4], &[3])]), &FuseCounts::default())
+            .unwrap();
+        let (found, merged) = sink.finish();
+        assert_eq!((found.len(), merged), (2, 2));
+        let expected = DVec3::new(0.2, 0.2, 0.2);
+        assert!(
+            (found.positions[0] - expected).length() < 1e-15,
+            "{}",
+            found.positions[0]
+        );
+        assert_eq!(found.positions[1], DVec3::new(-0.1, 0.1, 0.1));
+        assert_eq!(found.normals, [Vec3::X, Vec3::Y]);
+        assert_eq!(found.colors, [[7, 0, 255], [10, 0, 255]]);
+        assert_eq!(found.confidences, [2.0 / 3.0, 1.0]);
+        assert_eq!(
+            (found.view_counts, found.visible_in),
+            (vec![5, 1], vec![0, 1, 2, 3, 4, 1])
+        );
+        assert_eq!(
+            (found.violations, found.scales),
+            (vec![2, 1], vec![1.0, 2.0])
+        );
+    }
+
+    #[test]
+    fn sizes_that_no_voxel_can_have_are_refused() {
+        for size in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(VoxelSink::new(size, Columns::default()).is_err());
+        }
+        let mut sink = VoxelSink::new(1e-12, Columns::default()).unwrap();
+        let far = points(&[([1e6, 0.0, 0.0], &[0])]);
+        assert!(sink.take(far, &FuseCounts::default()).is_err());
+    }
+}

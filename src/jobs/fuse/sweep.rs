@@ -1,0 +1,297 @@
+//! `mvs-eval fuse --sweep`: the same maps fused with a grid of parameters, so that tuning by scene
+//! shows.
+
+use super::FuseJob;
+use super::maps::FolderMaps;
+use crate::error::Result;
+use crate::fuse::{
+    DepthMaps, FuseCounts, FuseInputs, FuseOptions, MEMORY, MemoryScratch, Points, fuse_maps,
+};
+use crate::jobs::{Context, check_out_file, run_file_beside};
+use crate::provenance::Run;
+use crate::score::FinitePoints;
+use crate::score::plain::{Preparation, evaluate};
+use mvs_datasets::layout::files;
+use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
+use mvs_metrics::{Score, Tolerance};
+use serde::{Deserialize, Serialize};
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Options of `mvs-eval fuse --sweep`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SweepJob {
+    /// The CSV to write: one line per combination.
+    pub out: PathBuf,
+    /// Values of `max_pixel_error`.
+    pub pixel_errors: Vec<f64>,
+    /// Values of `min_sources`.
+    pub min_sources: Vec<usize>,
+    /// Values of `min_confidence`; without confidence maps only the first is used.
+    pub min_confidences: Vec<f32>,
+    /// A cloud of the true surface: each combination is scored against it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<PathBuf>,
+    /// The distance below which points count, world units; needed with `truth`.
+    pub tau: f64,
+    /// The inputs and everything that is not varied; its `out` is not written.
+    pub fuse: FuseJob,
+}
+
+impl Default for SweepJob {
+    fn default() -> Self {
+        Self {
+            out: PathBuf::new(),
+            pixel_errors: vec![0.5, 1.0, 2.0],
+            min_sources: vec![2, 3, 5],
+            min_confidences: vec![0.3, 0.6, 0.8],
+            truth: None,
+            tau: 0.0,
+            fuse: FuseJob::default(),
+        }
+    }
+}
+
+/// One combination.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SweepRow {
+    /// Largest reprojection error in pixels.
+    pub max_pixel_error: f64,
+    /// Sources that must agree.
+    pub min_sources: usize,
+    /// Smallest confidence.
+    pub min_confidence: f32,
+    /// Points of the cloud.
+    pub points: usize,
+    /// What became of the pixels.
+    pub counts: FuseCounts,
+    /// Against the truth, where one is given.
+    pub score: Option<Score>,
+}
+
+/// The table.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SweepOutcome {
+    /// All combinations: confidence outermost, pixel error innermost.
+    pub rows: Vec<SweepRow>,
+    /// The smallest and the largest F-score.
+    pub fscore: Option<(f64, f64)>,
+}
+
+/// Fuses with every combination and writes the table.
+pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
+    check_out_file(&job.out, context.force)?;
+    job.fuse.check()?;
+    let truth = read_truth(job)?;
+    let folder = FolderMaps::open(&job.fuse, context)?;
+    let kept = KeptMaps::read(&folder, context)?;
+    let mut rows = Vec::new();
+    for options in combinations(job, kept.has_confidence()) {
+        options.check()?;
+        rows.push(one(job, &options, (&kept, truth.as_ref()), context)?);
+    }
+    let scores: Vec<f64> = rows
+        .iter()
+        .filter_map(|row| Some(row.score?.f_score()))
+        .collect();
+    let outcome = SweepOutcome {
+        fscore: scores
+            .iter()
+            .copied()
+            .reduce(f64::min)
+            .zip(scores.iter().copied().reduce(f64::max)),
+        rows,
+    };
+    files::write_atomically(&job.out, |out| write_csv(out, &outcome.rows))?;
+    let mut read = job.fuse.inputs();
+    read.extend(job.truth.as_deref());
+    Run::new("sweep", job, &read)?.write(&run_file_beside(&job.out))?;
+    Ok(outcome)
+}
+
+fn read_truth(job: &SweepJob) -> Result<Option<(FinitePoints, Tolerance)>> {
+    let Some(path) = &job.truth else {
+        return Ok(None);
+    };
+    let tau = Tolerance::new(job.tau)?;
+    let cloud = files::read_cloud(path)?;
+    Ok(Some((FinitePoints::new(cloud.positions().to_vec()), tau)))
+}
+
+fn combinations(job: &SweepJob, has_confidence: bool) -> Vec<FuseOptions> {
+    let used = if has_confidence {
+        job.min_confidences.len()
+    } else {
+        job.min_confidences.len().min(1)
+    };
+    let mut all = Vec::new();
+    for &min_confidence in &job.min_confidences[..used] {
+        for &min_sources in &job.min_sources {
+            for &max_pixel_error in &job.pixel_errors {
+                all.push(FuseOptions {
+                    max_pixel_error,
+                    min_sources,
+                    min_confidence,
+                    normals: false,
+                    ..job.fuse.fuse.clone()
+                });
+            }
+        }
+    }
+    all
+}
+
+fn one(
+    job: &SweepJob,
+    options: &FuseOptions,
+    (maps, truth): (&KeptMaps<'_>, Option<&(FinitePoints, Tolerance)>),
+    context: &Context<'_>,
+) -> Result<SweepRow> {
+    let prism = job
+        .fuse
+        .crop
+        .as_deref()
+        .map(super::read_prism)
+        .transpose()?;
+    let inside = |point| prism.as_ref().is_none_or(|prism| prism.contains(point));
+    let inputs = FuseInputs {
+        maps,
+        region: prism.is_some().then_some(&inside),
+        scratch: &MemoryScratch::default(),
+        memory: MEMORY,
+        progress: context.progress,
+        warnings: context.warnings,
+    };
+    let mut points = Points::default();
+    let counts = fuse_maps(&inputs, options, &mut points)?;
+    let count = points.len();
+    let score = match truth {
+        None => None,
+        Some((truth, tau)) => {
+            let found = FinitePoints::new(points.positions);
+            let preparation = Preparation {
+                crop: None,
+                voxel: Some(0.5 * tau.get()),
+            };
+            Some(evaluate(&found, None, truth, &preparation)?.score(*tau))
+        }
+    };
+    Ok(SweepRow {
+        max_pixel_error: options.max_pixel_error,
+        min_sources: options.min_sources,
+        min_confidence: options.min_confidence,
+        points: count,
+        counts,
+        score,
+    })
+}
+
+fn write_csv(out: &mut impl Write, rows: &[SweepRow]) -> std::io::Result<()> {
+    writeln!(
+        out,
+        "min_confidence,min_sources,max_pixel_error,points,pixels,unconfident,inconsistent,\
+         contradicted,precision,recall,fscore"
+    )?;
+    for row in rows {
+        let counts = row.counts;
+        write!(
+            out,
+            "{},{},{},{},{},{},{},{}",
+            row.min_confidence,
+            row.min_sources,
+            row.max_pixel_error,
+            row.points,
+            counts.pixels,
+            counts.unconfident,
+            counts.inconsistent,
+            counts.contradicted
+        )?;
+        match row.score {
+            Some(score) => writeln!(
+                out,
+                ",{},{},{}",
+                score.precision(),
+                score.recall(),
+                score.f_score()
+            )?,
+            None => writeln!(out, ",,,")?,
+        }
+    }
+    Ok(())
+}
+
+/// The maps of a folder, read once and kept; no images and no normals, which no count needs.
+struct KeptMaps<'a> {
+    folder: &'a FolderMaps<'a>,
+    maps: Vec<KeptView>,
+}
+
+struct KeptView {
+    depth: DepthMap,
+    confidence: Option<Raster<f32>>,
+    mask: Option<Mask>,
+    /// `cluster` compares them.
+    normals: Option<NormalMap>,
+}
+
+impl<'a> KeptMaps<'a> {
+    fn read(folder: &'a FolderMaps<'a>, context: &Context<'_>) -> Result<Self> {
+        context.progress.begin("reading", folder.count() as u64);
+        let read = |index| {
+            context.progress.check()?;
+            let kept = KeptView {
+                depth: folder.depth(index)?,
+                confidence: folder.confidence(index)?,
+                mask: folder.mask(index)?,
+                normals: folder.normals(index)?,
+            };
+            context.progress.advance(1);
+            Ok(kept)
+        };
+        let maps = (0..folder.count()).map(read).collect::<Result<_>>()?;
+        Ok(Self { folder, maps })
+    }
+}
+
+impl DepthMaps for KeptMaps<'_> {
+    fn count(&self) -> usize {
+        self.maps.len()
+    }
+
+    fn view(&self, index: usize) -> &View {
+        self.folder.view(index)
+    }
+
+    fn sources(&self, index: usize) -> &[usize] {
+        self.folder.sources(index)
+    }
+
+    fn depth(&self, index: usize) -> Result<DepthMap> {
+        Ok(self.maps[index].depth.clone())
+    }
+
+    fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
+        Ok(self.maps[index].confidence.clone())
+    }
+
+    fn mask(&self, index: usize) -> Result<Option<Mask>> {
+        Ok(self.maps[index].mask.clone())
+    }
+
+    fn normals(&self, index: usize) -> Result<Option<NormalMap>> {
+        Ok(self.maps[index].normals.clone())
+    }
+
+    fn image(&self, _index: usize) -> Result<Option<ColorImage>> {
+        Ok(None)
+    }
+
+    fn has_images(&self) -> bool {
+        false
+    }
+
+    fn has_confidence(&self) -> bool {
+        self.folder.has_confidence()
+    }
+}
