@@ -12,6 +12,7 @@ pub mod demo;
 pub mod depth;
 pub mod fuse;
 pub mod generate;
+pub mod generate_all;
 pub mod inspect;
 mod out;
 pub mod pairs;
