@@ -1,7 +1,8 @@
 //! The three ways to blend, on planes of values.
 
-use super::frame::Axis;
+use super::frame::{Axis, Edge};
 use super::light::Light;
+use super::neighbours::{Neighbours, Sample, Weights};
 use super::spectrum::LowPass;
 use super::{BlendMode, BlendOptions};
 use crate::error::{Error, Result};
@@ -18,9 +19,43 @@ pub struct Blender {
     size: (u32, u32),
     mode: BlendMode,
     light: Light,
+    filter: Filter,
+}
+
+/// Two ways to the same low-pass.
+#[derive(Debug)]
+enum Filter {
+    /// Over neighbouring pixels, where it is narrow: all images of the usual sizes.
+    Narrow(Neighbours),
+    /// Over frequencies.
+    Wide(Frame),
+}
+
+/// What is transformed for the low-pass over frequencies.
+#[derive(Debug)]
+struct Frame {
     columns: Axis,
     rows: Axis,
     low_pass: LowPass,
+}
+
+impl Filter {
+    fn new(size: (usize, usize), edge: Edge, d0: (f64, f64)) -> Self {
+        let (columns, rows) = (edge.axis(size.0, d0.0), edge.axis(size.1, d0.1));
+        let weights = (
+            Weights::new(columns.length(), columns.d0),
+            Weights::new(rows.length(), rows.d0),
+        );
+        if let (Some(along_rows), Some(along_columns)) = weights {
+            return Self::Narrow(Neighbours::new(size, edge, (along_rows, along_columns)));
+        }
+        let low_pass = LowPass::new((columns.length(), rows.length()), (columns.d0, rows.d0));
+        Self::Wide(Frame {
+            columns,
+            rows,
+            low_pass,
+        })
+    }
 }
 
 /// The inputs of one blend, all of one size.
@@ -49,12 +84,10 @@ impl Blender {
             return Err(Error::invalid("image to blend", problem));
         }
         let d0 = options.d0_of(size)?;
-        let axis = match options.mode {
-            BlendMode::Reference | BlendMode::Composite => Axis::circular,
-            BlendMode::Normalized => Axis::reflected,
+        let edge = match options.mode {
+            BlendMode::Reference | BlendMode::Composite => Edge::Circular,
+            BlendMode::Normalized => Edge::Reflected,
         };
-        let (columns, rows) = (axis(width, d0.0), axis(height, d0.1));
-        let low_pass = LowPass::new((columns.length(), rows.length()), (columns.d0, rows.d0));
         Ok(Self {
             size,
             mode: options.mode,
@@ -63,9 +96,7 @@ impl Blender {
             } else {
                 Light::Encoded
             },
-            columns,
-            rows,
-            low_pass,
+            filter: Filter::new((width, height), edge, d0),
         })
     }
 
@@ -99,24 +130,23 @@ impl Blender {
         self.check("photograph", inputs.photograph.size())?;
         self.check("mask", inputs.mask.size())?;
         let table = self.light.table();
-        let weights = usize::from(self.mode == BlendMode::Normalized);
-        let mut planes =
-            parallel::try_map(3 + weights, |plane| match plane.checked_sub(weights) {
-                Some(channel) => self.filtered(|row, out| {
-                    self.difference_row(inputs, (channel, &table), row, out);
-                }),
-                None => self.filtered(|row, out| self.mask_row(inputs.mask, row, out)),
-            })?;
-        let lights = planes.split_off(weights);
-        let low = LowPassed {
-            weights: planes.pop(),
-            lights,
+        let fill = |row: usize, out: &mut [Sample]| self.source_row(inputs, &table, row, out);
+        let take = |row: usize, low: &[Sample], out: &mut [[T; 3]]| {
+            self.finish_row((inputs, &table), low, (row, out), &finish);
         };
         let mut blended = Raster::filled(self.size.0, self.size.1, [T::default(); 3])?;
-        let width = self.size.0 as usize;
-        parallel::for_each_chunk(blended.values_mut(), width, |row, pixels| {
-            self.finish_row((inputs, &table), &low, (row, pixels), &finish);
-        });
+        match &self.filter {
+            Filter::Narrow(neighbours) => neighbours.filter(blended.values_mut(), fill, take),
+            Filter::Wide(frame) => {
+                let weighted = self.mode == BlendMode::Normalized;
+                frame.filter(
+                    (blended.values_mut(), self.size.0 as usize),
+                    weighted,
+                    fill,
+                    take,
+                )?;
+            }
+        }
         Ok(blended)
     }
 
@@ -138,14 +168,8 @@ impl Blender {
         row * width..(row + 1) * width
     }
 
-    /// What is low-passed in a row: photograph − rendering, of one channel.
-    fn difference_row(
-        &self,
-        inputs: &Inputs<'_>,
-        (channel, table): (usize, &[f32; 256]),
-        row: usize,
-        out: &mut [f32],
-    ) {
+    /// What is low-passed in a row: photograph − rendering per channel, and the mask.
+    fn source_row(&self, inputs: &Inputs<'_>, table: &[f32; 256], row: usize, out: &mut [Sample]) {
         let range = self.row_range(row);
         let rendered = &inputs.rendered.values()[range.clone()];
         let photograph = &inputs.photograph.values()[range.clone()];
@@ -158,53 +182,27 @@ impl Blender {
             .iter()
             .zip(photograph)
             .zip(&inputs.mask.values()[range]);
-        for (value, ((rendered, photograph), &inside)) in out.iter_mut().zip(pixels) {
-            let photograph = table[usize::from(photograph[channel])];
-            let difference = photograph - table[usize::from(rendered[channel])];
-            *value = if inside {
-                difference
-            } else {
-                outside * photograph
-            };
+        for (sample, ((rendered, photograph), &inside)) in out.iter_mut().zip(pixels) {
+            let [photograph, rendered] =
+                [photograph, rendered].map(|pixel| pixel.map(|level| table[usize::from(level)]));
+            let weight = f32::from(u8::from(inside));
+            let kept = weight.max(outside);
+            let value = |channel: usize| kept * photograph[channel] - weight * rendered[channel];
+            *sample = [value(0), value(1), value(2), weight];
         }
-    }
-
-    fn mask_row(&self, mask: &Mask, row: usize, out: &mut [f32]) {
-        for (value, &inside) in out.iter_mut().zip(&mask.values()[self.row_range(row)]) {
-            *value = f32::from(u8::from(inside));
-        }
-    }
-
-    /// The low-passed plane, in the frame's size, whose rows `fill` writes at the image's width.
-    fn filtered(&self, fill: impl Fn(usize, &mut [f32])) -> Result<Vec<f32>> {
-        let (frame, width) = (self.columns.length(), self.size.0 as usize);
-        let offset = self.columns.offset;
-        let mut plane = vec![0.0; frame * self.rows.length()];
-        for (out, &row) in plane.chunks_exact_mut(frame).zip(&self.rows.source) {
-            fill(row, &mut out[offset..offset + width]);
-            for margin in (0..offset).chain(offset + width..frame) {
-                out[margin] = out[offset + self.columns.source[margin]];
-            }
-        }
-        self.low_pass.apply(&mut plane)?;
-        Ok(plane)
     }
 
     /// Adds the low-passed difference to the rendering in one row of the result.
     fn finish_row<T>(
         &self,
         (inputs, table): (&Inputs<'_>, &[f32; 256]),
-        low: &LowPassed,
+        low: &[Sample],
         (row, pixels): (usize, &mut [[T; 3]]),
         finish: &impl Fn(f32) -> T,
     ) {
         let range = self.row_range(row);
         let rendered = &inputs.rendered.values()[range.clone()];
         let photograph = &inputs.photograph.values()[range.clone()];
-        let start = (row + self.rows.offset) * self.columns.length() + self.columns.offset;
-        let frame_range = start..start + pixels.len();
-        let lights = [0, 1, 2].map(|channel| &low.lights[channel][frame_range.clone()]);
-        let weights = low.weights.as_ref().map(|weights| &weights[frame_range]);
         let mask = &inputs.mask.values()[range];
         for (column, pixel) in pixels.iter_mut().enumerate() {
             let inside = mask[column];
@@ -212,14 +210,18 @@ impl Blender {
                 *pixel = photograph[column].map(|value| finish(f32::from(value)));
                 continue;
             }
-            let weight = weights.map_or(1.0, |weights| weights[column]);
+            let [red, green, blue, weight] = low[column];
+            let weight = match self.mode {
+                BlendMode::Normalized => weight,
+                BlendMode::Reference | BlendMode::Composite => 1.0,
+            };
             let gain = 1.0 / weight;
             *pixel = std::array::from_fn(|channel| {
                 let base = table[usize::from(rendered[column][channel])];
                 let added = if weight < SMALLEST_WEIGHT {
                     table[usize::from(photograph[column][channel])] - base
                 } else {
-                    lights[channel][column] * gain
+                    [red, green, blue][channel] * gain
                 };
                 let base = if inside { base } else { 0.0 };
                 finish(self.light.encode(base + added))
@@ -228,12 +230,49 @@ impl Blender {
     }
 }
 
-/// Low-passed planes in the frame's size.
-struct LowPassed {
-    /// Of the mask, where the mode divides by it.
-    weights: Option<Vec<f32>>,
-    /// Of the difference, per channel.
-    lights: Vec<Vec<f32>>,
+impl Frame {
+    /// As [`Neighbours::filter`], for an image of `width`; the fourth value of a sample only if
+    /// `weighted`.
+    fn filter<T: Send>(
+        &self,
+        (out, width): (&mut [T], usize),
+        weighted: bool,
+        fill: impl Fn(usize, &mut [Sample]) + Sync + Send,
+        take: impl Fn(usize, &[Sample], &mut [T]) + Sync + Send,
+    ) -> Result<()> {
+        let planes = parallel::try_map(3 + usize::from(weighted), |channel| {
+            self.filtered((channel, width), &fill)
+        })?;
+        parallel::for_each_chunk(out, width, |row, out| {
+            let start = (row + self.rows.offset) * self.columns.length() + self.columns.offset;
+            let sample = |column: usize| {
+                let value = |channel: usize| planes.get(channel).map_or(0.0, |p| p[start + column]);
+                std::array::from_fn(value)
+            };
+            let low: Vec<Sample> = (0..width).map(sample).collect();
+            take(row, &low, out);
+        });
+        Ok(())
+    }
+
+    /// The low-passed plane of one channel, in the frame's size.
+    fn filtered(
+        &self,
+        (channel, width): (usize, usize),
+        fill: &impl Fn(usize, &mut [Sample]),
+    ) -> Result<Vec<f32>> {
+        let frame = self.columns.length();
+        let mut samples = vec![[0.0; 4]; width];
+        let mut plane = vec![0.0; frame * self.rows.length()];
+        for (out, &row) in plane.chunks_exact_mut(frame).zip(&self.rows.source) {
+            fill(row, &mut samples);
+            for (value, &column) in out.iter_mut().zip(&self.columns.source) {
+                *value = samples[column][channel];
+            }
+        }
+        self.low_pass.apply(&mut plane)?;
+        Ok(plane)
+    }
 }
 
 /// The nearest of the 256 levels.

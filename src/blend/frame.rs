@@ -1,5 +1,34 @@
 //! How a row or column of pixels is laid into the frame that is transformed.
 
+/// What lies beyond an image's borders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Edge {
+    /// The image again.
+    Circular,
+    /// Its mirror image, border pixels repeated.
+    Reflected,
+}
+
+impl Edge {
+    /// The axis of `length` pixels as a frame for the transform.
+    pub(super) fn axis(self, length: usize, d0: f64) -> Axis {
+        match self {
+            Self::Circular => Axis::circular(length, d0),
+            Self::Reflected => Axis::reflected(length, d0),
+        }
+    }
+
+    /// The pixel shown at `index` when pixel 0 is shown at `offset`, on an axis of `length` pixels.
+    pub(super) fn source(self, index: usize, offset: usize, length: usize) -> usize {
+        let periods = offset.next_multiple_of(2 * length);
+        let index = index + periods - offset;
+        match self {
+            Self::Circular => index % length,
+            Self::Reflected => mirrored(index, length),
+        }
+    }
+}
+
 /// One axis of the frame: where each of its samples comes from, and the filter's D0 there.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Axis {

@@ -7,6 +7,7 @@
 mod filter;
 mod frame;
 mod light;
+mod neighbours;
 mod spectrum;
 
 pub use filter::Blender;

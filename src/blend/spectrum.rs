@@ -35,7 +35,7 @@ impl std::fmt::Debug for LowPass {
 }
 
 /// exp(−bin² / (2·d0)).
-fn gain(bin: usize, d0: f64) -> f64 {
+pub(super) fn gain(bin: usize, d0: f64) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "bins are far below 2^53")]
     let bin = bin as f64;
     (-bin * bin / (2.0 * d0)).exp()

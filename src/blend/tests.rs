@@ -332,3 +332,84 @@ fn bad_input_is_named() {
     ));
     assert!(d0.contains("d0"), "{d0}");
 }
+
+/// The image of `tests/reference/blend_numpy.py`.
+fn numpy_image(width: u32, height: u32, seed: u64) -> ColorImage {
+    let value = |i: u32| {
+        let (x, y) = (u64::from(i % width), u64::from(i / width));
+        let noise = ((u64::from(i) * 2_654_435_761 + seed * 40503) % (1 << 32)) >> 13;
+        let wave = ((3 + seed) * x + 5 * y) % 256;
+        let wave = if wave < 128 { wave } else { 255 - wave };
+        [(wave + noise % 128) as u8; 3]
+    };
+    Raster::from_values(width, height, (0..width * height).map(value).collect()).unwrap()
+}
+
+#[derive(serde::Deserialize)]
+struct Golden {
+    width: u32,
+    height: u32,
+    d0: f64,
+    step: usize,
+    sum: f64,
+    values: Vec<f64>,
+}
+
+#[test]
+fn reference_is_numpy_s_two_transform_formula() {
+    let text = include_str!("../../tests/reference/blend_numpy.json");
+    let file: serde_json::Value = serde_json::from_str(text).unwrap();
+    let cases: Vec<Golden> = serde_json::from_value(file["cases"].clone()).unwrap();
+    assert_eq!(cases.len(), 12);
+    for golden in cases {
+        let (width, height) = (golden.width, golden.height);
+        let (w, h) = (i64::from(width), i64::from(height));
+        let inside = |i: i64| {
+            let (x, y) = (2 * (i % w) - w, 2 * (i / w) - h);
+            x * x * h * h + y * y * w * w <= w * w * h * h
+        };
+        let mask = Raster::from_values(width, height, (0..w * h).map(inside).collect()).unwrap();
+        let found = Blender::new((width, height), &options(BlendMode::Reference, golden.d0))
+            .unwrap()
+            .blend_unrounded(
+                &numpy_image(width, height, 1),
+                &numpy_image(width, height, 2),
+                &mask,
+            )
+            .unwrap();
+        let picked = found.values().iter().step_by(golden.step);
+        assert_eq!(picked.len(), golden.values.len());
+        for (found, expected) in picked.zip(&golden.values) {
+            let off = (f64::from(found[0]) - expected).abs();
+            assert!(off < 1e-3, "{width}x{height} {}: {off}", golden.d0);
+        }
+        let sum: f64 = found.values().iter().map(|pixel| f64::from(pixel[2])).sum();
+        let mean_off = (sum - golden.sum).abs() / f64::from(width * height);
+        assert!(mean_off < 1e-4, "{width}x{height}: {mean_off}");
+    }
+}
+
+#[test]
+fn the_filter_is_as_wide_as_measured_on_the_published_images() {
+    let (width, height) = (2048u32, 1536u32);
+    let dark = Raster::filled(width, height, [0; 3]).unwrap();
+    let mut photograph = dark.clone();
+    photograph.set(1024, 768, [255; 3]);
+    let mask = full(width, height);
+    let found = Blender::new((width, height), &options(BlendMode::Reference, 5000.0))
+        .unwrap()
+        .blend_unrounded(&dark, &photograph, &mask)
+        .unwrap();
+    let (mut sum, mut along_x, mut along_y) = (0.0, 0.0, 0.0);
+    for (i, pixel) in (0u32..).zip(found.values()) {
+        let value = f64::from(pixel[1]);
+        sum += value;
+        along_x += value * (f64::from(i % width) - 1024.0).powi(2);
+        along_y += value * (f64::from(i / width) - 768.0).powi(2);
+    }
+    let widths = ((along_x / sum).sqrt(), (along_y / sum).sqrt());
+    assert!((sum - 255.0).abs() < 1e-3, "{sum}");
+    // Predicted 4.61 x 3.46 px; the published set's median is 4.59 x 3.45.
+    assert!((widths.0 - 2048.0 / 444.29).abs() < 2e-3, "{widths:?}");
+    assert!((widths.1 - 1536.0 / 444.29).abs() < 2e-3, "{widths:?}");
+}

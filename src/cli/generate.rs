@@ -1,18 +1,24 @@
 use super::blend::BlendFlags;
 use super::common::{Centre, Global, Verdict, resolve, with_context};
-use super::output::{answer, pairs};
+use super::output::{answer, table};
 use super::render::{CameraFlags, RenderFlags};
-use clap::Args;
-use mvs_eval::config::Size;
+use anyhow::Context as _;
+use clap::{Args, ValueEnum};
+use mvs_eval::config::{self, Size};
+use mvs_eval::generate::Part;
 use mvs_eval::jobs::generate::{self, GenerateJob};
-use serde::{Serialize, Serializer};
-use std::path::PathBuf;
+use mvs_eval::jobs::generate_all;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
 
 /// Generate a BlendedMVS scene from a mesh, cameras and photographs
 ///
 /// Writes OUT/<id>/{blended_images,cams,rendered_depth_maps} as existing BlendedMVS loaders read
 /// them, list files in OUT, and scene.json with every convention, range and count. An interrupted
 /// run goes on where it stopped.
+///
+/// Two sets in one run: --size 2048x1536 --size 768x576. Array jobs: --shard 1/8 … --shard 8/8, then
+/// --merge. Several scenes: --manifest scenes.toml with [defaults] and [[scene]] tables of options.
 ///
 /// Example: mvs-eval generate --mesh model.obj --cameras cams --photos images --out dataset
 #[derive(Debug, Args, Serialize)]
@@ -36,6 +42,28 @@ pub(crate) struct GenerateArgs {
     /// The 24 hexadecimal digits of the scene's folder
     #[arg(long, value_name = "HEX")]
     id: Option<String>,
+    /// Size of the data set's images, e.g. 2048x1536 or 768x576; photographs are resized to cover it
+    /// and cut to its centre, as the paper does. Given more than once, a set of each is made in
+    /// OUT/<size>
+    #[arg(long = "size", value_name = "WxH")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sizes: Vec<Size>,
+    /// Hold the scene out for validation in the list files
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    validation: bool,
+    /// Make only the i-th of n parts of the views (from 1), e.g. 3/8; --merge comes last
+    #[arg(long, value_name = "I/N", conflicts_with = "merge")]
+    #[serde(skip)]
+    shard: Option<Part>,
+    /// Make only what belongs to the scene as a whole, from views that shards have finished
+    #[arg(long)]
+    #[serde(skip)]
+    merge: bool,
+    /// A TOML file of scenes: [defaults] and one [[scene]] each, with the options of this command
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["mesh", "cameras", "photos", "name", "id"])]
+    #[serde(skip)]
+    manifest: Option<PathBuf>,
     #[command(flatten)]
     camera: CameraFlags,
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
@@ -47,33 +75,107 @@ pub(crate) struct GenerateArgs {
 
 #[derive(Debug, Args, Serialize)]
 struct GenerateFlags {
-    /// Size of the data set's images, e.g. 2048x1536 or 768x576; photographs are resized to cover it
-    /// and cut to its centre, as the paper does
-    #[arg(long, value_name = "WxH")]
-    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "as_pair")]
-    size: Option<Size>,
+    /// What to write beside the standard files
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    extras: Vec<ExtraFlag>,
+    /// How a view's depth range is chosen: `percentile` (default) as MVSNet's converter, `full`, or
+    /// `widened` so that no depth is lost to readers
+    #[arg(long, value_enum)]
+    range: Option<RangeFlag>,
+    /// JPEG quality (default 95)
+    #[arg(long, value_name = "1-100")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    jpeg_quality: Option<u8>,
+    /// JPEG chroma at full resolution (4:4:4) instead of half (4:2:0)
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    full_chroma: bool,
     #[command(flatten)]
     render: RenderFlags,
     #[command(flatten)]
     blend: BlendFlags,
 }
 
-fn as_pair<S: Serializer>(size: &Option<Size>, serializer: S) -> Result<S::Ok, S::Error> {
-    size.map(|size| (size.width, size.height))
-        .serialize(serializer)
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum ExtraFlag {
+    /// The photographs in the render's camera
+    InputImages,
+    /// The renderings
+    RenderedImages,
+    /// Where there is surface
+    Masks,
+    /// Geometric normals, camera frame
+    Normals,
+    /// Per pair, where the source sees the reference's surface
+    Occlusion,
+    /// Where depth jumps
+    DepthEdges,
+    /// How much of each view's surface each other view sees
+    Covisibility,
+    /// Cameras for nerfstudio
+    Transforms,
+    /// Cameras as a COLMAP text model
+    Colmap,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum RangeFlag {
+    Percentile,
+    Full,
+    Widened,
 }
 
 pub(crate) fn run(args: &GenerateArgs, global: &Global) -> anyhow::Result<Verdict> {
-    execute(&resolve("generate", args, global)?, global)
+    let part = match (args.shard, args.merge) {
+        (Some(shard), _) => shard,
+        (None, true) => Part::Merge,
+        (None, false) => Part::All,
+    };
+    match &args.manifest {
+        Some(manifest) => run_all(manifest, args, part, global),
+        None => execute_part(&resolve("generate", args, global)?, part, global),
+    }
 }
 
 pub(crate) fn execute(job: &GenerateJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| generate::run(job, context))?;
+    execute_part(job, Part::All, global)
+}
+
+fn execute_part(job: &GenerateJob, part: Part, global: &Global) -> anyhow::Result<Verdict> {
+    let outcome = with_context(global, |context| generate::run(job, part, context))?;
     answer(global.format, &outcome, || {
-        pairs(&[
-            ("scene", outcome.folder.display().to_string()),
-            ("views", outcome.scene.views.len().to_string()),
-        ])
+        let mut table = table(&["scene", "views"]);
+        for set in &outcome.sets {
+            table.add_row([set.folder.display().to_string(), set.views.to_string()]);
+        }
+        table
     })?;
     Ok(Verdict::Passed)
+}
+
+fn run_all(
+    manifest: &Path,
+    args: &GenerateArgs,
+    part: Part,
+    global: &Global,
+) -> anyhow::Result<Verdict> {
+    anyhow::ensure!(
+        global.config.is_none(),
+        "expected no --config beside --manifest: put shared options under [defaults]"
+    );
+    let flags = config::layer_of(args).context("flags")?;
+    let outcome = with_context(global, |context| {
+        generate_all::run(manifest, &flags, part, context)
+    })?;
+    answer(global.format, &outcome, || {
+        let mut table = table(&["scene", "views", "status"]);
+        for scene in &outcome.scenes {
+            table.add_row([&scene.name, &scene.views.to_string(), &scene.status]);
+        }
+        table
+    })?;
+    Ok(Verdict::failed_if(outcome.failed > 0))
 }

@@ -1,9 +1,9 @@
 //! Resize and crop of the BlendedMVS paper: the smallest scale that covers the wanted size, then
 //! the centre of it; cameras change with their images.
 
-use super::resample;
+use super::{resample, undistort};
 use crate::error::{Error, Result};
-use mvs_datasets::scene::{Camera, ColorImage, View};
+use mvs_datasets::scene::{Camera, ColorImage, Distortion, View};
 
 /// How a view's image becomes one of the wanted size.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,9 +11,22 @@ pub struct Fit {
     resized: (u32, u32),
     offset: (u32, u32),
     camera: Camera,
+    /// The camera that took the photograph, if its lens is to be undone.
+    lens: Option<Camera>,
 }
 
 impl Fit {
+    /// As [`Fit::new`], and the fitted image's camera is a pinhole one with the same focal lengths
+    /// and principal point: what the lens did to the photograph is undone.
+    pub fn undistorting(camera: &Camera, size: Option<(u32, u32)>) -> Result<Self> {
+        let pinhole = camera.with_distortion(Distortion::None)?;
+        let bent = camera.distortion() != Distortion::None;
+        Ok(Self {
+            lens: bent.then_some(*camera),
+            ..Self::new(&pinhole, size)?
+        })
+    }
+
     /// The fit of an image that `camera` took to `size` (width, height), or to its own size.
     pub fn new(camera: &Camera, size: Option<(u32, u32)>) -> Result<Self> {
         let own = (camera.width(), camera.height());
@@ -39,6 +52,7 @@ impl Fit {
             resized,
             offset,
             camera,
+            lens: None,
         })
     }
 
@@ -55,12 +69,13 @@ impl Fit {
         }
     }
 
-    /// The photograph, of whatever size, fitted. Its shape must be that of the camera it was fitted
-    /// for to 1 %.
-    pub fn image(&self, photograph: &ColorImage) -> Result<ColorImage> {
+    /// The photograph, of whatever size, fitted, and the number of pixels that it does not cover,
+    /// where its border is repeated. Its shape must be that of the camera it was fitted for to 1 %.
+    pub fn image(&self, photograph: &ColorImage) -> Result<(ColorImage, usize)> {
         let size = (self.camera.width(), self.camera.height());
-        if photograph.size() == self.resized && self.resized == size {
-            return Ok(photograph.clone());
+        let bent = self.lens.is_some();
+        if photograph.size() == self.resized && self.resized == size && !bent {
+            return Ok((photograph.clone(), 0));
         }
         let shape = |(width, height): (u32, u32)| f64::from(width) / f64::from(height);
         let stretch = shape(photograph.size()) / shape(self.resized);
@@ -72,8 +87,11 @@ impl Fit {
             );
             return Err(Error::invalid("photograph", problem));
         }
+        if let Some(lens) = &self.lens {
+            return undistort::undistorted(photograph, lens, &self.camera);
+        }
         let resized = resample::resized(photograph, self.resized)?;
-        resample::cropped(&resized, self.offset, size)
+        Ok((resample::cropped(&resized, self.offset, size)?, 0))
     }
 }
 
@@ -113,7 +131,7 @@ mod tests {
                 photograph.set(column, row, [200; 3]);
             }
         }
-        let image = fit.image(&photograph).unwrap();
+        let (image, _) = fit.image(&photograph).unwrap();
         assert_eq!(image.size(), (90, 80));
         let (mut sum, mut at) = (0.0, DVec2::ZERO);
         for row in 0..80 {
@@ -132,9 +150,9 @@ mod tests {
         let fit = Fit::new(&camera, None).unwrap();
         assert_eq!(fit.camera(), &camera);
         let photograph = ColorImage::filled(30, 20, [7; 3]).unwrap();
-        assert_eq!(fit.image(&photograph).unwrap(), photograph);
+        assert_eq!(fit.image(&photograph).unwrap(), (photograph.clone(), 0));
         let larger = ColorImage::filled(60, 40, [7; 3]).unwrap();
-        assert_eq!(fit.image(&larger).unwrap(), photograph);
+        assert_eq!(fit.image(&larger).unwrap().0, photograph);
         let tall = ColorImage::filled(20, 30, [7; 3]).unwrap();
         assert!(
             fit.image(&tall)

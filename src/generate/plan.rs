@@ -1,13 +1,13 @@
 //! What a scene's content follows from, as hashes: a view is finished when a view of the same hash
 //! was, not when its files merely exist.
 
-use super::{GenerateOptions, Photographs};
+use super::{Extra, GenerateOptions, Photographs};
 use crate::error::{Error, Result};
 use mvs_datasets::scene::{Mesh, View};
 use serde::Serialize;
 
 /// Changes when the same inputs would no longer give the same files.
-const PROCEDURE: &str = "generate 1";
+const PROCEDURE: &str = "generate 2";
 
 /// A hash of a mesh's content, textures included.
 pub fn mesh_digest(mesh: &Mesh) -> String {
@@ -56,22 +56,30 @@ pub(super) fn digest_of(value: &impl Serialize) -> Result<String> {
 }
 
 /// What all views of a scene have in common.
-pub(super) fn scene_digest(mesh: &Mesh, options: &GenerateOptions) -> Result<String> {
-    digest_of(&(
-        PROCEDURE,
-        crate::provenance::VERSION,
-        mesh_digest(mesh),
-        options,
-    ))
+pub(super) fn scene_digest(mesh: &str, options: &GenerateOptions) -> Result<String> {
+    // What belongs to the scene as a whole does not change its views.
+    let mut options = options.clone();
+    for extra in [Extra::Covisibility, Extra::Transforms, Extra::Colmap] {
+        options.extras.remove(&extra);
+    }
+    digest_of(&(PROCEDURE, crate::provenance::VERSION, mesh, options))
 }
 
 /// A view's camera and pose, to the last bit.
 pub(super) fn view_numbers(view: &View) -> (u32, String, Vec<f64>) {
+    use mvs_datasets::scene::Distortion;
     let camera = &view.camera;
     let mut numbers = vec![f64::from(camera.width()), f64::from(camera.height())];
     numbers.extend(camera.focal().to_array());
     numbers.extend(camera.center().to_array());
     numbers.extend(view.pose.matrix().to_cols_array());
+    match camera.distortion() {
+        Distortion::None => {}
+        Distortion::RadialTangential { radial, tangential } => {
+            numbers.extend(radial.iter().chain(&tangential));
+        }
+        Distortion::Fisheye { radial } => numbers.extend(radial),
+    }
     (view.id, view.name.clone(), numbers)
 }
 

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::parallel;
 use mvs_datasets::scene::{ColorImage, Raster};
 
-const LOBES: f64 = 3.0;
+pub(super) const LOBES: f64 = 3.0;
 
 /// The image resized to `size` (width, height), both ≥ 1.
 pub fn resized(image: &ColorImage, size: (u32, u32)) -> Result<ColorImage> {
@@ -93,7 +93,7 @@ impl Taps {
 }
 
 /// sinc(x) · sinc(x / 3) inside three lobes.
-fn lanczos(x: f64) -> f64 {
+pub(super) fn lanczos(x: f64) -> f64 {
     if x.abs() >= LOBES {
         return 0.0;
     }
@@ -114,7 +114,7 @@ fn sinc(x: f64) -> f64 {
     clippy::cast_sign_loss,
     reason = "clamped to 0 … 255 before the cast"
 )]
-fn to_level(value: f32) -> u8 {
+pub(super) fn to_level(value: f32) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 

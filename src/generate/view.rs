@@ -30,6 +30,8 @@ pub(super) struct ViewWork<'a> {
 /// The images of one view, of one size.
 struct Images {
     photograph: ColorImage,
+    /// Pixels that the photograph does not show; its border stands there.
+    beyond: usize,
     rendering: Rendering,
     blended: ColorImage,
     masked: ColorImage,
@@ -45,27 +47,31 @@ pub(super) fn check_jpeg_quality(quality: u8) -> Result<()> {
 }
 
 impl ViewWork<'_> {
-    /// Makes the view's files, unless they are there and follow from the same inputs.
-    pub(super) fn finish(
-        &self,
-        given: &View,
-        fitted: &View,
-        watchers: &[View],
-    ) -> Result<ViewRecord> {
-        let digest = plan::view_digest(
-            self.scene_digest,
-            (given, fitted),
-            self.source.photographs,
-            watchers,
-        )?;
-        let path = record_path(self.folder, fitted.id);
-        if let Some(record) = finished(self.folder, &path, &digest) {
+    /// Makes the files of a view (as given, fitted), unless they are there and follow from the same
+    /// inputs.
+    pub(super) fn finish(&self, views: (&View, &View), watchers: &[View]) -> Result<ViewRecord> {
+        if let Some(record) = self.find(views, watchers)? {
             return Ok(record);
         }
+        let (given, fitted) = views;
         let images = self.images(given, fitted)?;
-        let record = self.write(fitted, &images, digest, watchers)?;
-        record::write_json(&path, &record)?;
+        let record = self.write(views, &images, watchers)?;
+        record::write_json(&record_path(self.folder, fitted.id), &record)?;
         Ok(record)
+    }
+
+    /// The record of a finished view, if its files are there and follow from the same inputs.
+    pub(super) fn find(
+        &self,
+        views: (&View, &View),
+        watchers: &[View],
+    ) -> Result<Option<ViewRecord>> {
+        let path = record_path(self.folder, views.1.id);
+        Ok(finished(self.folder, &path, &self.digest(views, watchers)?))
+    }
+
+    fn digest(&self, views: (&View, &View), watchers: &[View]) -> Result<String> {
+        plan::view_digest(self.scene_digest, views, self.source.photographs, watchers)
     }
 
     /// Renders and blends.
@@ -73,15 +79,15 @@ impl ViewWork<'_> {
         let rendering = self.renderer.render(fitted, &self.options.render)?;
         let photograph = self.source.photographs.photograph(given, &rendering)?;
         let named = |error| Error::invalid(format!("view {}", given.id), format!("{error}"));
-        let photograph = Fit::new(&given.camera, self.options.size)?
-            .image(&photograph)
-            .map_err(named)?;
+        let fit = Fit::undistorting(&given.camera, self.options.size)?;
+        let (photograph, beyond) = fit.image(&photograph).map_err(named)?;
         let mask = rendering.depth.valid_mask();
         let blender = Blender::new(mask.size(), &self.options.blend)?;
         let blended = blender.blend(&rendering.color, &photograph, &mask)?;
         Ok(Images {
             masked: blend::masked(&blended, &mask)?,
             photograph,
+            beyond,
             rendering,
             blended,
         })
@@ -113,11 +119,11 @@ impl ViewWork<'_> {
     /// Writes all files of the view.
     fn write(
         &self,
-        view: &View,
+        views: (&View, &View),
         images: &Images,
-        digest: String,
         watchers: &[View],
     ) -> Result<ViewRecord> {
+        let view = views.1;
         let (folder, id, rendering) = (self.folder, view.id, &images.rendering);
         let jpeg = JpegOptions {
             quality: self.options.jpeg_quality,
@@ -145,16 +151,16 @@ impl ViewWork<'_> {
         Ok(ViewRecord {
             id,
             name: view.name.clone(),
-            plan: digest,
+            plan: self.digest(views, watchers)?,
             size: rendering.depth.size(),
             depth: extent(&rendering.depth),
             range: (range.min(), range.max()),
             surface: rendering.depth.valid_count(),
             kept_by_readers: range::kept_by_readers(&rendering.depth, &range),
             files: hashes(folder.path(), &written)?,
-            warnings: warning
+            warnings: (warning.map(|message| ("range-widened".to_owned(), message)))
                 .into_iter()
-                .map(|message| ("range-widened".to_owned(), message))
+                .chain(beyond_warning(id, images))
                 .collect(),
         })
     }
@@ -194,7 +200,7 @@ impl ViewWork<'_> {
                 folder.normals(id)
             }
             Extra::Occlusion => return self.write_occlusion(view, rendering, watchers),
-            Extra::Covisibility => return Ok(Vec::new()),
+            Extra::Covisibility | Extra::Transforms | Extra::Colmap => return Ok(Vec::new()),
         };
         Ok(vec![path])
     }
@@ -213,6 +219,19 @@ impl ViewWork<'_> {
         };
         watchers.iter().map(write).collect()
     }
+}
+
+/// A warning where the photograph does not cover the render.
+fn beyond_warning(id: u32, images: &Images) -> Option<(String, String)> {
+    let all = images.photograph.values().len();
+    (images.beyond > 0).then(|| {
+        let percent = 100.0 * images.beyond as f64 / all as f64;
+        let message = format!(
+            "view {id}: {percent:.1} % of the render's pixels lie beyond the photograph, whose \
+             border is repeated there; give a smaller --size or a longer focal length to avoid that"
+        );
+        ("beyond-photograph".to_owned(), message)
+    })
 }
 
 /// A depth edge is a jump by more than this fraction of the nearer depth.
@@ -234,7 +253,7 @@ pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -
         }
         for file in blended::names_in(&inside)? {
             let path = inside.join(&file);
-            let ours = file.starts_with(".tmp") || starts_with_id(&file);
+            let ours = file.starts_with(files::TEMPORARY) || starts_with_id(&file);
             if ours && path.is_file() && !kept.contains(&path) {
                 std::fs::remove_file(&path).map_err(mvs_datasets::Error::io(&path, "remove"))?;
             }
@@ -244,7 +263,7 @@ pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -
 }
 
 /// The scene's folder and those in it that hold files of views.
-const FOLDERS: [&str; 11] = [
+const FOLDERS: [&str; 12] = [
     "",
     "blended_images",
     "cams",
@@ -256,6 +275,7 @@ const FOLDERS: [&str; 11] = [
     "occlusion",
     "depth_edges",
     "views",
+    "sparse/0",
 ];
 
 fn starts_with_id(file: &str) -> bool {

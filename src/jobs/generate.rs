@@ -4,7 +4,7 @@ use super::cameras::{self, CameraOptions};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
-use crate::generate::{self, GenerateOptions, PhotoFolder, Source, scene_id};
+use crate::generate::{self, GenerateOptions, Part, PhotoFolder, Source, Target, scene_id};
 use crate::provenance::Run;
 use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
@@ -26,6 +26,12 @@ pub struct GenerateJob {
     pub photos: PathBuf,
     /// The data set's root; the scene becomes a folder in it.
     pub out: PathBuf,
+    /// Image sizes of sets that are made in one run, each with a root of its own in `out`, e.g.
+    /// `2048x1536/`; with one size or none there is one set, in `out` itself.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sizes: Vec<Size>,
+    /// Whether the scene is held out for validation in the list files.
+    pub validation: bool,
     /// The scene's name, whose hash is its folder's; by default the name of the folder with the
     /// photographs' parent.
     pub name: Option<String>,
@@ -43,23 +49,35 @@ pub struct GenerateJob {
 /// What was generated.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GenerateOutcome {
-    /// The scene's folder.
-    pub folder: PathBuf,
-    /// What its `scene.json` says.
-    pub scene: SceneFile,
+    /// One per image size, in the order of the sizes.
+    pub sets: Vec<GeneratedSet>,
 }
 
-/// Generates the scene, or finishes it where an earlier run was interrupted.
-pub fn run(job: &GenerateJob, context: &Context<'_>) -> Result<GenerateOutcome> {
+/// The scene at one image size.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GeneratedSet {
+    /// The scene's folder.
+    pub folder: PathBuf,
+    /// Views that are finished now.
+    pub views: usize,
+    /// What its `scene.json` says; none where only a shard was made.
+    pub scene: Option<SceneFile>,
+}
+
+/// Generates the scene, or a part of it, or finishes it where an earlier run was interrupted.
+pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<GenerateOutcome> {
     let name = name_of(job);
     let id = id_of(job, &name)?;
     let scene = read_cameras(job, context)?;
     let photographs = PhotoFolder::open(&job.photos, scene.views())?;
     let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
     inputs.extend([job.cameras.as_path(), job.photos.as_path()]);
-    let folder = job.out.join(&id);
     let run = Run::new("generate", job, &inputs)?;
-    let out = OutDir::create_again(&folder, run, context.force)?;
+    let roots = roots_of(job)?;
+    let create = |(root, _): &(PathBuf, _)| {
+        OutDir::create_again(&root.join(&id), run.clone(), context.force)
+    };
+    let outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
     let loaded = mesh::read_meshes(&job.mesh)?;
     for note in &loaded.notes {
         context.warnings.add("mesh", note.clone());
@@ -70,21 +88,56 @@ pub fn run(job: &GenerateJob, context: &Context<'_>) -> Result<GenerateOutcome> 
         mesh: &loaded.mesh,
         views: scene.views(),
         photographs: &photographs,
+        notes: &loaded.notes,
     };
-    let scene = generate::generate(
+    let target = |(root, size): &(PathBuf, Option<(u32, u32)>)| Target {
+        folder: BlendedFolder::new(root.join(&id)),
+        size: *size,
+    };
+    let targets: Vec<Target> = roots.iter().map(target).collect();
+    let made = generate::generate_sets(
         &source,
-        &BlendedFolder::new(&folder),
+        (&targets, part),
         &job.options,
         context.progress,
         context.warnings,
     )?;
-    blended::write_lists(&job.out, &[])?;
-    out.finish()?;
-    Ok(GenerateOutcome { folder, scene })
+    let mut sets = Vec::new();
+    for (((root, _), out), made) in roots.iter().zip(outs).zip(made) {
+        let folder = root.join(&id);
+        if made.scene.is_some() {
+            blended::write_lists(root, &id, job.validation)?;
+            out.finish()?;
+        }
+        sets.push(GeneratedSet {
+            folder,
+            views: made.views,
+            scene: made.scene,
+        });
+    }
+    Ok(GenerateOutcome { sets })
+}
+
+/// The root of each set and its image size.
+fn roots_of(job: &GenerateJob) -> Result<Vec<(PathBuf, Option<(u32, u32)>)>> {
+    let pair = |size: &Size| Some((size.width, size.height));
+    if let Some((index, twice)) =
+        (job.sizes.iter().enumerate()).find(|(index, size)| job.sizes[..*index].contains(size))
+    {
+        let problem = format!("expected distinct sizes, found {twice} again at place {index}");
+        return Err(Error::invalid("image sizes", problem));
+    }
+    Ok(match &job.sizes[..] {
+        [] => vec![(job.out.clone(), job.options.size)],
+        [size] => vec![(job.out.clone(), pair(size))],
+        sizes => (sizes.iter())
+            .map(|size| (job.out.join(size.to_string()), pair(size)))
+            .collect(),
+    })
 }
 
 /// The given name, or that of the folder that holds the photographs' folder.
-fn name_of(job: &GenerateJob) -> String {
+pub(super) fn name_of(job: &GenerateJob) -> String {
     let given = job.name.clone();
     given.unwrap_or_else(|| {
         let path = std::path::absolute(&job.photos).unwrap_or_else(|_| job.photos.clone());
@@ -93,7 +146,7 @@ fn name_of(job: &GenerateJob) -> String {
     })
 }
 
-fn id_of(job: &GenerateJob, name: &str) -> Result<String> {
+pub(super) fn id_of(job: &GenerateJob, name: &str) -> Result<String> {
     match &job.id {
         None => Ok(scene_id(name)),
         Some(id) if blended::is_scene_id(id) => Ok(id.clone()),
@@ -114,7 +167,6 @@ fn read_cameras(job: &GenerateJob, context: &Context<'_>) -> Result<Scene> {
     let (width, height) = PhotoFolder::open(&job.photos, scene.views())?.size(first)?;
     let photographs = Size { width, height };
     let scene = cameras::read(&job.cameras, options, Some(photographs), context)?;
-    cameras::check_no_lens(&scene)?;
     if let Some(first) = scene.views().first()
         && (first.camera.width(), first.camera.height()) != (width, height)
     {

@@ -13,6 +13,7 @@ pub mod depth;
 pub mod extremes;
 pub mod fuse;
 pub mod generate;
+pub mod generate_all;
 pub mod inspect;
 mod out;
 pub mod pairs;

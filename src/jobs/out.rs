@@ -37,11 +37,14 @@ impl OutDir {
         Ok(out)
     }
 
-    /// Whether the folder holds anything but the mark of a run that failed before its first file.
+    /// Whether the folder holds anything but the mark of a run that failed before its first file and
+    /// files that are just being written.
     fn has_files(&self) -> Result<bool> {
         let unreadable = || mvs_datasets::Error::io(&self.path, "read");
         for entry in fs::read_dir(&self.path).map_err(unreadable())? {
-            if entry.map_err(unreadable())?.file_name() != UNFINISHED {
+            let name = entry.map_err(unreadable())?.file_name();
+            let passing = name.to_string_lossy().starts_with(files::TEMPORARY);
+            if name != UNFINISHED && !passing {
                 return Ok(true);
             }
         }

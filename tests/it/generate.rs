@@ -45,6 +45,7 @@ impl Lit {
             mesh: self.scene.mesh(),
             views: self.scene.scene().views(),
             photographs: self,
+            notes: &[],
         };
         let folder = BlendedFolder::new(folder);
         generate(&source, &folder, options, &Silent, &warnings).unwrap();
@@ -242,6 +243,7 @@ fn a_view_that_sees_nothing_is_left_out_and_named() {
         mesh: lit.scene.mesh(),
         views: &views,
         photographs: &lit,
+        notes: &[],
     };
     let warnings = Warnings::default();
     let options = draft();
@@ -279,6 +281,7 @@ fn a_size_is_reached_by_scaling_and_cutting_and_depth_is_rendered_there() {
         mesh: lit.scene.mesh(),
         views: lit.scene.scene().views(),
         photographs: &photographs,
+        notes: &[],
     };
     let read = BlendedFolder::new(folder.path());
     generate(&source, &read, &options, &Silent, &Warnings::default()).unwrap();

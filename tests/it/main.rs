@@ -10,6 +10,7 @@
 mod architecture;
 mod augment;
 mod cli;
+mod dataset;
 mod demo;
 mod depth;
 mod extremes;

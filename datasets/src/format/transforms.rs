@@ -23,6 +23,63 @@ pub struct Frame {
     pub distortion: Distortion,
 }
 
+/// Writes a `transforms.json` of frames with size, focal lengths and principal point, every frame
+/// with its own camera. An error says which lens the format has no words for.
+pub fn write(frames: &[Frame]) -> Result<String, String> {
+    let fisheye = |frame: &Frame| matches!(frame.distortion, Distortion::Fisheye { .. });
+    let written = frames.iter().map(wire_of).collect::<Result<Vec<_>, _>>()?;
+    let model = |fish: bool| if fish { "OPENCV_FISHEYE" } else { "OPENCV" };
+    let all = serde_json::json!({
+        "camera_model": model(!frames.is_empty() && frames.iter().all(fisheye)),
+        "frames": written,
+    });
+    let text = serde_json::to_string_pretty(&all).map_err(|error| error.to_string())?;
+    Ok(text + "\n")
+}
+
+fn wire_of(frame: &Frame) -> Result<serde_json::Value, String> {
+    let missing = || format!("expected size, focal lengths and center in {}", frame.file);
+    let (w, h) = frame.size.ok_or_else(missing)?;
+    let [fl_x, fl_y] = frame.focal.ok_or_else(missing)?;
+    let [cx, cy] = frame.center.ok_or_else(missing)?;
+    let rows = frame.world_from_gl_cam.transpose().to_cols_array_2d();
+    let mut value = serde_json::json!({
+        "file_path": frame.file,
+        "camera_model": "OPENCV",
+        "w": w, "h": h, "fl_x": fl_x, "fl_y": fl_y, "cx": cx, "cy": cy,
+        "transform_matrix": rows,
+    });
+    let lens: Vec<(&str, f64)> = match frame.distortion {
+        Distortion::None => Vec::new(),
+        Distortion::Fisheye { radial } => {
+            value["camera_model"] = "OPENCV_FISHEYE".into();
+            ["k1", "k2", "k3", "k4"].into_iter().zip(radial).collect()
+        }
+        Distortion::RadialTangential { radial, tangential } => {
+            if radial[3..] != [0.0; 3] {
+                return Err(format!(
+                    "expected a lens without the rational model's denominator (k4 to k6), which \
+                     transforms.json cannot say, found one in {}",
+                    frame.file
+                ));
+            }
+            let names = ["k1", "k2", "k3", "p1", "p2"];
+            let values = [
+                radial[0],
+                radial[1],
+                radial[2],
+                tangential[0],
+                tangential[1],
+            ];
+            names.into_iter().zip(values).collect()
+        }
+    };
+    for (name, coefficient) in lens {
+        value[name] = coefficient.into();
+    }
+    Ok(value)
+}
+
 #[derive(serde::Deserialize)]
 struct WireFile {
     #[serde(flatten)]

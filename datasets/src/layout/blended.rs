@@ -103,6 +103,16 @@ impl BlendedFolder {
         self.path.join("covisibility.npy")
     }
 
+    /// The cameras as nerfstudio reads them.
+    pub fn transforms(&self) -> PathBuf {
+        self.path.join("transforms.json")
+    }
+
+    /// The folder of the cameras as a COLMAP text model.
+    pub fn colmap(&self) -> PathBuf {
+        self.path.join("sparse").join("0")
+    }
+
     /// What the scene is and by which conventions; see [`record::SceneFile`].
     pub fn record(&self) -> PathBuf {
         self.path.join("scene.json")
@@ -192,22 +202,32 @@ pub fn scenes_in(root: &Path) -> Result<Vec<String>> {
     Ok(names.into_iter().filter(is_scene).collect())
 }
 
-/// Writes the list files for the scenes of `root`: those of `validation` are for validation, all
-/// others for training.
-pub fn write_lists(root: &Path, validation: &[String]) -> Result<()> {
+/// Writes the list files for the scenes of `root`, by way of the folder of one of them: the scene
+/// `id` is for validation if `held_out`, else for training, and the others are for what the lists
+/// say they are.
+pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
     let all = scenes_in(root)?;
-    let (held_out, training): (Vec<_>, Vec<_>) =
-        all.iter().cloned().partition(|id| validation.contains(id));
+    let old = root.join("validation_list.txt");
+    let old = if old.is_file() {
+        files::read_text(&old)?
+    } else {
+        String::new()
+    };
+    let validates = |scene: &String| match scene == id {
+        true => held_out,
+        false => old.lines().any(|line| line.trim() == scene),
+    };
+    let (validation, training): (Vec<_>, Vec<_>) = all.iter().cloned().partition(validates);
     let lists = [
         ("BlendedMVS_list.txt", &all),
         ("BlendedMVS_training.txt", &training),
         ("BlendedMVG_training.txt", &training),
         ("training_list.txt", &training),
-        ("validation_list.txt", &held_out),
+        ("validation_list.txt", &validation),
         ("all_list.txt", &all),
     ];
     for (name, ids) in lists {
-        files::write_atomically(&root.join(name), |out| {
+        files::write_by_way_of(&root.join(id), &root.join(name), |out| {
             ids.iter().try_for_each(|id| writeln!(out, "{id}"))
         })?;
     }

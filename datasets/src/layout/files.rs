@@ -9,6 +9,9 @@ use crate::scene::{
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+/// What the names of temporary files begin with; what an ended process leaves of them may go.
+pub const TEMPORARY: &str = ".mvs-eval-";
+
 /// Writes `path` by way of a temporary file in the same folder, which is renamed when `write` has
 /// succeeded: readers see the old file or the whole new one. Missing parent folders are made.
 pub fn write_atomically(
@@ -19,6 +22,15 @@ pub fn write_atomically(
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
+    write_by_way_of(folder, path, write)
+}
+
+/// As [`write_atomically`], with the temporary file in `folder`, which is on the same file system.
+pub fn write_by_way_of(
+    folder: &Path,
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<std::fs::File>) -> std::io::Result<()>,
+) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(Error::io(folder, "create the folder"))?;
     let temporary = temporary_file(folder).map_err(Error::io(path, "create"))?;
     let (file, temporary_path) = temporary.into_parts();
@@ -35,7 +47,7 @@ pub fn write_atomically(
 /// A temporary file with the permissions that a plain new file has.
 pub(super) fn temporary_file(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".mvs-eval-").suffix(".part");
+    builder.prefix(TEMPORARY).suffix(".part");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

@@ -3,6 +3,7 @@
 
 pub mod blended;
 pub mod cameras;
+pub mod exports;
 pub mod files;
 mod materials;
 pub mod mesh;

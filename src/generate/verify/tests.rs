@@ -60,6 +60,7 @@ fn sound() -> &'static Path {
             mesh: scene.mesh(),
             views: scene.scene().views(),
             photographs: &Lit(&scene),
+            notes: &[],
         };
         let target = BlendedFolder::new(folder.path());
         generate(&source, &target, &draft, &Silent, &Warnings::default()).unwrap();
@@ -277,7 +278,7 @@ type Mutation = (&'static str, fn(&Spoilt), &'static str);
 
 #[test]
 fn each_rule_of_the_readers_fires() {
-    let mutations: [Mutation; 22] = [
+    let mutations: [Mutation; 23] = [
         (
             "trailing space",
             |s| edit_line(s, "cams/00000001_cam.txt", 11, |l| format!("{l} ")),
@@ -329,6 +330,16 @@ fn each_rule_of_the_readers_fires() {
         (
             "source count",
             |s| edit_line(s, "cams/pair.txt", 2, |_| "0".into()),
+            "source-count",
+        ),
+        (
+            "eleven sources",
+            |s| {
+                edit_line(s, "cams/pair.txt", 2, |_| {
+                    let sources = (1..12).map(|id| format!(" {id} {}", 20 - id));
+                    format!("11{}", sources.collect::<String>())
+                });
+            },
             "source-count",
         ),
         (
@@ -464,4 +475,26 @@ fn a_folder_without_its_parts_is_one_finding_each() {
     let found = verify(&folder, &VerifyOptions::default(), &Silent).unwrap();
     let missing = found.findings.iter().filter(|f| f.code == "missing-folder");
     assert_eq!(missing.count(), 3);
+}
+
+#[test]
+fn images_that_readers_cut_to_four_thirds_are_named() {
+    let spoilt = Spoilt::new();
+    let folder = spoilt.blended();
+    let cut = |image: ColorImage| {
+        ColorImage::from_values(128, 90, image.values()[..128 * 90].to_vec()).unwrap()
+    };
+    for id in 0..14 {
+        for path in [folder.image(id), folder.masked_image(id)] {
+            let image = cut(files::read_image(&path).unwrap());
+            BlendedFolder::write_jpeg(&path, &image, JpegOptions::default()).unwrap();
+        }
+        let (depth, _) = folder.read_depth(id).unwrap();
+        let values = depth.values()[..128 * 90].to_vec();
+        let depth = DepthMap::from_values(128, 90, values).unwrap().0;
+        folder.write_depth(id, &depth).unwrap();
+    }
+    let verification = spoilt.verify();
+    assert!(verification.found("aspect"));
+    assert!(!verification.failed(), "{:#?}", verification.findings);
 }

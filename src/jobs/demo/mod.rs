@@ -14,7 +14,7 @@ use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::Result;
 use crate::fuse::FuseOptions;
-use crate::generate::{Extra, GenerateOptions};
+use crate::generate::{Extra, GenerateOptions, Part};
 use crate::provenance::Run;
 use inputs::Inputs;
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
@@ -92,18 +92,20 @@ pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
     let noise = DepthNoise::default();
     let truth = scene.sample_surface(0.5 * job.tau)?;
     let inputs = inputs::write(&out, &scene, (&noise, &truth), context.progress)?;
-    let generated = generate::run(&generate_job(&out, &inputs), context)?;
-    let fuse_job = fuse_job(&out, &inputs, generated.folder.clone());
+    let generated = generate::run(&generate_job(&out, &inputs), Part::All, context)?;
+    let dataset = generated.sets.into_iter().next().map(|set| set.folder);
+    let dataset = dataset.unwrap_or_default();
+    let fuse_job = fuse_job(&out, &inputs, dataset.clone());
     let fused = fuse::run(&fuse_job, context)?;
     let scored = score::run(&score_job(&out, &inputs, job), context)?;
     report::run(&report_job(&out), context)?;
-    sheet::write(&out, scene.scene(), &generated.folder, &inputs.depths)?;
+    sheet::write(&out, scene.scene(), &dataset, &inputs.depths)?;
     let sample: Vec<_> = truth.positions().iter().step_by(16).copied().collect();
     let predicted = predict(&scene, &noise, &fuse_job.fuse, (&sample, job.tau));
     out.finish()?;
     Ok(DemoOutcome {
         out: job.out.clone(),
-        dataset: generated.folder,
+        dataset,
         points: fused.points,
         tolerance: job.tau,
         precision: scored.precision,

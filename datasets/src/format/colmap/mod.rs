@@ -5,6 +5,7 @@
 mod binary;
 pub mod dense;
 mod text;
+mod write;
 
 pub use binary::{
     read_cameras as read_cameras_binary, read_images as read_images_binary,
@@ -13,6 +14,11 @@ pub use binary::{
 pub use text::{
     read_cameras as read_cameras_text, read_images as read_images_text,
     read_points as read_points_text,
+};
+
+pub use write::{
+    no_points as write_no_points_text, write_cameras as write_cameras_text,
+    write_images as write_images_text,
 };
 
 use crate::error::{Error, Result};

@@ -1,0 +1,94 @@
+//! The text model. Numbers are written such that they read back to the same bits.
+
+use super::{ColmapCamera, ColmapImage};
+use crate::scene::{Camera, Distortion, Pose};
+use glam::DQuat;
+use std::fmt::Write;
+
+impl ColmapCamera {
+    /// The camera in COLMAP's terms: PINHOLE, OPENCV, FULL_OPENCV or OPENCV_FISHEYE.
+    pub fn new(id: u32, camera: &Camera) -> Self {
+        let (focal, center) = (camera.focal(), camera.center());
+        let mut params = vec![focal.x, focal.y, center.x, center.y];
+        let model = match camera.distortion() {
+            Distortion::None => "PINHOLE",
+            Distortion::Fisheye { radial } => {
+                params.extend(radial);
+                "OPENCV_FISHEYE"
+            }
+            Distortion::RadialTangential { radial, tangential } => {
+                params.extend([radial[0], radial[1], tangential[0], tangential[1]]);
+                if radial[2..] == [0.0; 4] {
+                    "OPENCV"
+                } else {
+                    params.extend(&radial[2..]);
+                    "FULL_OPENCV"
+                }
+            }
+        };
+        Self {
+            id,
+            model,
+            width: camera.width(),
+            height: camera.height(),
+            params,
+        }
+    }
+}
+
+impl ColmapImage {
+    /// An image without features. The rotation is the nearest exact one to the pose's.
+    pub fn new(id: u32, pose: &Pose, camera: u32, name: String) -> Self {
+        let matrix = pose.matrix();
+        let turn = DQuat::from_mat4(&matrix).normalize();
+        Self {
+            id,
+            rotation: [turn.w, turn.x, turn.y, turn.z],
+            translation: matrix.w_axis.truncate(),
+            camera,
+            name,
+            points: Vec::new(),
+        }
+    }
+}
+
+/// `cameras.txt`.
+pub fn write_cameras(cameras: &[ColmapCamera]) -> String {
+    let mut text = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
+    for camera in cameras {
+        let params: Vec<String> = camera.params.iter().map(f64::to_string).collect();
+        let _ = writeln!(
+            text,
+            "{} {} {} {} {}",
+            camera.id,
+            camera.model,
+            camera.width,
+            camera.height,
+            params.join(" ")
+        );
+    }
+    text
+}
+
+/// `images.txt`, without features.
+pub fn write_images(images: &[ColmapImage]) -> String {
+    let mut text = String::from(
+        "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n\
+         # POINTS2D[] as X, Y, POINT3D_ID: none\n",
+    );
+    for image in images {
+        let [w, x, y, z] = image.rotation;
+        let t = image.translation;
+        let _ = writeln!(
+            text,
+            "{} {w} {x} {y} {z} {} {} {} {} {}\n",
+            image.id, t.x, t.y, t.z, image.camera, image.name
+        );
+    }
+    text
+}
+
+/// A `points3D.txt` without points.
+pub fn no_points() -> String {
+    "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as IMAGE_ID, POINT2D_IDX: none\n".to_owned()
+}

@@ -1,0 +1,354 @@
+//! A scene as a whole: which views belong into it, their sources, and what stands beside them.
+
+use super::shard::Part;
+use super::view::{self, ViewWork};
+use super::{Covisibility, Extra, Fit, GenerateOptions, Photographs, plan};
+use crate::error::{Error, Result};
+use crate::parallel;
+use crate::progress::Progress;
+use crate::render::Renderer;
+use crate::warning::Warnings;
+use mvs_datasets::format::npy;
+use mvs_datasets::layout::blended::BlendedFolder;
+use mvs_datasets::layout::blended::record::{self, LeftOut, SceneFile, ViewRecord};
+use mvs_datasets::layout::mvsnet::{self, PixelCentre};
+use mvs_datasets::layout::{exports, files};
+use mvs_datasets::scene::{Mesh, Scene, SourceScore, View};
+use std::collections::BTreeMap;
+
+/// What a scene is generated from.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The scene's name.
+    pub name: &'a str,
+    /// The name of its folder, as [`scene_id`] makes it from the name.
+    pub id: &'a str,
+    /// The textured surface.
+    pub mesh: &'a Mesh,
+    /// The cameras, as they took the photographs.
+    pub views: &'a [View],
+    /// The photographs.
+    pub photographs: &'a dyn Photographs,
+    /// Sentences on the mesh for whoever uses the scene, e.g. missing textures.
+    pub notes: &'a [String],
+}
+
+/// Where a set of the scene is written, and the size of its images.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// The scene's folder.
+    pub folder: BlendedFolder,
+    /// Width and height of its images, as [`GenerateOptions::size`].
+    pub size: Option<(u32, u32)>,
+}
+
+/// What became of a set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Generated {
+    /// Views that are finished now.
+    pub views: usize,
+    /// What `scene.json` says; `None` where only a shard was made.
+    pub scene: Option<SceneFile>,
+}
+
+/// The views that belong into the scene, as given and ascending by id, and their source views.
+#[derive(Debug)]
+struct Plan {
+    views: Vec<View>,
+    /// Where each of the views stands among all that were given.
+    places: Vec<usize>,
+    sources: Vec<Vec<SourceScore>>,
+    left_out: Vec<LeftOut>,
+    covisibility: Vec<f32>,
+}
+
+/// One set of the scene: its views' images all have the size that the options say.
+struct SetWork<'a> {
+    source: &'a Source<'a>,
+    plan: &'a Plan,
+    folder: &'a BlendedFolder,
+    options: GenerateOptions,
+    /// The views of the plan, fitted.
+    fitted: Vec<View>,
+    part: Part,
+}
+
+/// Generates the scene in `folder`. Views that are there already, made from the same inputs with
+/// the same options, are kept. `scene.json` is written last: a folder without it is not finished.
+pub fn generate(
+    source: &Source<'_>,
+    folder: &BlendedFolder,
+    options: &GenerateOptions,
+    progress: &dyn Progress,
+    warnings: &Warnings,
+) -> Result<SceneFile> {
+    let target = Target {
+        folder: folder.clone(),
+        size: options.size,
+    };
+    let work = (&[target][..], Part::All);
+    let made = generate_sets(source, work, options, progress, warnings)?;
+    let scene = made.into_iter().find_map(|made| made.scene);
+    scene.ok_or_else(|| Error::invalid("scene", "expected a whole scene, found a part of one"))
+}
+
+/// Generates sets of the scene that differ in image size, or a part of them. Source views are chosen
+/// at the first target's size and hold for all; depth is rendered at each size. `options.size` is
+/// not looked at.
+pub fn generate_sets(
+    source: &Source<'_>,
+    (targets, part): (&[Target], Part),
+    options: &GenerateOptions,
+    progress: &dyn Progress,
+    warnings: &Warnings,
+) -> Result<Vec<Generated>> {
+    view::check_jpeg_quality(options.jpeg_quality)?;
+    let first = targets.first().map(|target| target.size);
+    let first = first.ok_or_else(|| Error::invalid("image sizes", "expected one, found none"))?;
+    let renderer = Renderer::new(source.mesh)?;
+    let plan = plan_scene(source, first, (&renderer, options), progress)?;
+    for left_out in &plan.left_out {
+        let message = format!("view {} is left out: {}", left_out.id, left_out.reason);
+        warnings.add("view-left-out", message);
+    }
+    let mesh = plan::mesh_digest(source.mesh);
+    let set = |target: &Target| {
+        let options = GenerateOptions {
+            size: target.size,
+            ..options.clone()
+        };
+        let digest = plan::scene_digest(&mesh, &options)?;
+        let fit = |view: &View| Ok(Fit::undistorting(&view.camera, target.size)?.view(view));
+        let set = SetWork {
+            source,
+            plan: &plan,
+            folder: &target.folder,
+            options,
+            fitted: plan.views.iter().map(fit).collect::<Result<_>>()?,
+            part,
+        };
+        set.make(&renderer, &digest, progress, warnings)
+    };
+    targets.iter().map(set).collect()
+}
+
+impl SetWork<'_> {
+    /// Makes the part's views, and the scene's own files unless that is a shard.
+    fn make(
+        &self,
+        renderer: &Renderer<'_>,
+        scene_digest: &str,
+        progress: &dyn Progress,
+        warnings: &Warnings,
+    ) -> Result<Generated> {
+        let work = ViewWork {
+            source: self.source,
+            renderer,
+            folder: self.folder,
+            options: &self.options,
+            scene_digest,
+        };
+        let mine: Vec<usize> = (0..self.fitted.len())
+            .filter(|&index| self.part.holds(self.plan.places[index]))
+            .collect();
+        progress.begin("generating views", mine.len() as u64);
+        let records = parallel::try_map(mine.len(), |at| {
+            progress.check()?;
+            let index = mine[at];
+            let views = (&self.plan.views[index], &self.fitted[index]);
+            let record = match self.part {
+                Part::Merge => work.find(views, &self.watchers(index))?,
+                Part::All | Part::Shard { .. } => Some(work.finish(views, &self.watchers(index))?),
+            };
+            progress.advance(1);
+            Ok(record)
+        })?;
+        let unfinished = (mine.iter().zip(&records)).filter(|(_, record)| record.is_none());
+        let unfinished: Vec<usize> = unfinished.map(|(&index, _)| index).collect();
+        self.refuse(&unfinished)?;
+        let records: Vec<ViewRecord> = records.into_iter().flatten().collect();
+        for (code, message) in records.iter().flat_map(|record| &record.warnings) {
+            warnings.add(code, message.clone());
+        }
+        Ok(Generated {
+            views: records.len(),
+            scene: match self.part {
+                Part::Shard { .. } => None,
+                Part::All | Part::Merge => Some(self.write_scene(records)?),
+            },
+        })
+    }
+
+    /// The views whose sight of the view at `index` is written with it: its sources, if occlusion
+    /// is asked for.
+    fn watchers(&self, index: usize) -> Vec<View> {
+        if !self.options.extras.contains(&Extra::Occlusion) {
+            return Vec::new();
+        }
+        let view_of = |source: &SourceScore| {
+            let found = self.fitted.iter().find(|view| view.id == source.id)?;
+            Some(found.clone())
+        };
+        let sources = self.plan.sources[index].iter();
+        sources.filter_map(view_of).collect()
+    }
+
+    /// An error that names views which no shard has finished, if there are any.
+    fn refuse(&self, unfinished: &[usize]) -> Result<()> {
+        let Some(&first) = unfinished.first() else {
+            return Ok(());
+        };
+        let problem = format!(
+            "expected all views finished, by the same options and inputs, found {} of {} that are \
+             not, the first of which is view {}: run the shard that makes it, then merge",
+            unfinished.len(),
+            self.fitted.len(),
+            self.fitted[first].id
+        );
+        Err(Error::invalid(
+            self.folder.path().display().to_string(),
+            problem,
+        ))
+    }
+
+    /// What the user should know of the scene, whoever made its views.
+    fn warnings_of(&self, records: &[ViewRecord]) -> Vec<(String, String)> {
+        let left_out = self.plan.left_out.iter().map(|view| {
+            let message = format!("view {} is left out: {}", view.id, view.reason);
+            ("view-left-out".to_owned(), message)
+        });
+        let notes = self.source.notes.iter();
+        let notes = notes.map(|note| ("mesh".to_owned(), note.clone()));
+        let of_views = records.iter().flat_map(|record| record.warnings.clone());
+        let mut all: Vec<_> = notes.chain(left_out).chain(of_views).collect();
+        all.sort();
+        all.dedup();
+        all
+    }
+
+    /// Writes what belongs to the scene as a whole.
+    fn write_scene(&self, records: Vec<ViewRecord>) -> Result<SceneFile> {
+        let (folder, options, plan) = (self.folder, &self.options, self.plan);
+        let count = self.fitted.len();
+        let scene = Scene::new(self.fitted.clone())?.with_sources(plan.sources.clone())?;
+        mvsnet::write_pairs(&folder.pairs(), &scene)?;
+        if options.extras.contains(&Extra::Covisibility) {
+            files::write_atomically(&folder.covisibility(), |out| {
+                npy::write_f32(out, (count, count), &plan.covisibility)
+            })?;
+        }
+        if options.extras.contains(&Extra::Transforms) {
+            exports::write_transforms(&folder.transforms(), &scene, exports::IN_SCENE_FOLDER)?;
+        }
+        if options.extras.contains(&Extra::Colmap) {
+            exports::write_colmap(&folder.colmap(), &scene)?;
+        }
+        view::remove_leftovers(folder, &records)?;
+        let digests: Vec<&str> = records.iter().map(|record| record.plan.as_str()).collect();
+        let scene_file = SceneFile {
+            version: 1,
+            id: self.source.id.to_owned(),
+            name: self.source.name.to_owned(),
+            pixel_centre: options.pixel_centre,
+            conventions: conventions(options),
+            options: serde_json::to_value(options)
+                .map_err(|error| Error::invalid("options", error.to_string()))?,
+            plan: plan::digest_of(&digests)?,
+            left_out: plan.left_out.clone(),
+            warnings: self.warnings_of(&records),
+            views: records,
+        };
+        record::write_json(&folder.record(), &scene_file)?;
+        Ok(scene_file)
+    }
+}
+
+/// Chooses the views and their sources.
+fn plan_scene(
+    source: &Source<'_>,
+    size: Option<(u32, u32)>,
+    (renderer, options): (&Renderer<'_>, &GenerateOptions),
+    progress: &dyn Progress,
+) -> Result<Plan> {
+    let mut views = source.views.to_vec();
+    views.sort_by_key(|view| view.id);
+    let fit = |view: &View| Ok(Fit::undistorting(&view.camera, size)?.view(view));
+    let fitted = views.iter().map(fit).collect::<Result<Vec<_>>>()?;
+    let covisibility =
+        Covisibility::measure((renderer, source.mesh), &fitted, &options.pairs, progress)?;
+    let mut sources = covisibility.sources(&fitted, options.pairs.sources);
+    let (places, dropped): (Vec<usize>, Vec<usize>) =
+        (0..fitted.len()).partition(|&i| !sources[i].is_empty());
+    if places.is_empty() {
+        let problem = format!(
+            "expected at least two views that see the same surface, found none among {}; are mesh \
+             and cameras in the same frame, and poses world-to-camera?",
+            fitted.len()
+        );
+        return Err(Error::invalid("views", problem));
+    }
+    let leave_out = |index: usize| LeftOut {
+        id: fitted[index].id,
+        reason: "no other view sees the surface that it sees".to_owned(),
+    };
+    let all = fitted.len();
+    let cells = |&row: &usize| places.iter().map(move |&column| row * all + column);
+    Ok(Plan {
+        left_out: dropped.into_iter().map(leave_out).collect(),
+        covisibility: (places.iter().flat_map(cells))
+            .map(|cell| covisibility.shared()[cell])
+            .collect(),
+        views: places.iter().map(|&i| views[i].clone()).collect(),
+        sources: (places.iter())
+            .map(|&i| std::mem::take(&mut sources[i]))
+            .collect(),
+        places,
+    })
+}
+
+/// The conventions of the written files, in words.
+fn conventions(options: &GenerateOptions) -> BTreeMap<String, String> {
+    let centre = match options.pixel_centre {
+        PixelCentre::Half => "the centre of the top-left pixel is at (0.5, 0.5)",
+        PixelCentre::Integer => "the centre of the top-left pixel is at (0, 0)",
+    };
+    let texts = [
+        ("pixels", centre),
+        (
+            "extrinsic",
+            "world to camera; +X right, +Y down, +Z forward",
+        ),
+        (
+            "depth",
+            "along the camera's +Z axis, world units, at pixel centres; 0 = none",
+        ),
+        (
+            "depth_range",
+            "minimum, interval = (maximum - minimum) / 128, 128, maximum",
+        ),
+        (
+            "normals",
+            "camera frame, facing the camera, unit length; 0 = none",
+        ),
+        ("mask", "255 where there is rendered surface"),
+        (
+            "occlusion",
+            "0 = no surface or outside the source, 128 = occluded, 255 = visible",
+        ),
+        ("images", "8-bit sRGB"),
+        (
+            "photographs",
+            "resampled into the render's pinhole camera by Lanczos with three lobes before blending",
+        ),
+        (
+            "exports",
+            "transforms.json and sparse/0 have pixel centres at (0.5, 0.5) whatever cams/ has",
+        ),
+        (
+            "covisibility",
+            "row = reference: fraction of its surface that the column's view sees",
+        ),
+    ];
+    let owned = |(topic, text): (&str, &str)| (topic.to_owned(), text.to_owned());
+    texts.into_iter().map(owned).collect()
+}
