@@ -129,7 +129,7 @@ impl Cell {
 }
 
 impl PointSink for VoxelSink {
-    fn take(&mut self, points: Points, _counts: &FuseCounts) -> Result<()> {
+    fn take(&mut self, points: &Points, _counts: &FuseCounts) -> Result<()> {
         let mut views = points.visible_in.as_slice();
         let columns = self.columns;
         for (at, &position) in points.positions.iter().enumerate() {
@@ -192,8 +192,8 @@ mod tests {
             ([-0.1, 0.1, 0.1], &[1]),
             ([0.3, 0.2, 0.1], &[2, 1, 4]),
         ]);
-        sink.take(given, &FuseCounts::default()).unwrap();
-        sink.take(points(&[([0.2, 0.3, 0.4], &[3])]), &FuseCounts::default())
+        sink.take(&given, &FuseCounts::default()).unwrap();
+        sink.take(&points(&[([0.2, 0.3, 0.4], &[3])]), &FuseCounts::default())
             .unwrap();
         let (found, merged) = sink.finish();
         assert_eq!((found.len(), merged), (2, 2));
@@ -224,6 +224,6 @@ mod tests {
         }
         let mut sink = VoxelSink::new(1e-12, Columns::default()).unwrap();
         let far = points(&[([1e6, 0.0, 0.0], &[0])]);
-        assert!(sink.take(far, &FuseCounts::default()).is_err());
+        assert!(sink.take(&far, &FuseCounts::default()).is_err());
     }
 }

@@ -239,7 +239,7 @@ fn fuse_into<W: Write + std::io::Seek>(
         let counts = fuse_maps(inputs, &job.fuse, &mut voxels)?;
         let (points, others) = voxels.finish();
         merged = others;
-        outputs.take(points, &counts)?;
+        outputs.take(&points, &counts)?;
         counts
     };
     if outputs.ply.count() == 0 {

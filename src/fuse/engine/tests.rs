@@ -249,8 +249,8 @@ fn the_same_points_under_any_budget_of_memory_and_number_of_threads() {
             let counts = fuse_maps(&inputs, &options, &mut sink).unwrap();
             (counts, sink)
         });
-        let (counts, found) = counts.unwrap();
-        points.append(found);
+        let (counts, mut found) = counts.unwrap();
+        points.append(&mut found);
         (counts, points)
     };
     let reference = with(MEMORY, 1);
