@@ -215,6 +215,17 @@ fn estimate(
     let estimates: Vec<Estimate> = rendered.iter().enumerate().map(one).collect();
     let maps: Vec<DepthMap> = estimates.iter().map(|e| e.depth.clone()).collect();
     sum_up(&maps, "estimate", numbers);
+    let errors = estimates
+        .iter()
+        .zip(rendered)
+        .flat_map(|(estimate, truth)| {
+            let pairs = estimate.depth.values().iter().zip(truth.values());
+            let both = pairs.filter(|&(&found, &truth)| found > 0.0 && truth > 0.0);
+            both.map(|(&found, &truth)| (f64::from(found) / f64::from(truth) - 1.0).abs())
+        });
+    let median = mvs_metrics::stats::median(&errors.collect::<Vec<_>>()).unwrap();
+    // In millionths, so that a hundredth of it is seen.
+    numbers.put("estimate", "", "median relative error, 1e-6", 1e6 * median);
     let confidences = estimates.iter().filter_map(|e| e.confidence.as_ref());
     let sum: f64 = confidences
         .flat_map(Raster::values)
