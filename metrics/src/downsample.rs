@@ -17,11 +17,22 @@ const PIECE: usize = 1 << 14;
 /// in space. No points give no points. An error where `size` is not above 0, a point is not finite,
 /// or the grid would have more than 2³¹ − 1 voxels along an axis.
 pub fn voxel(points: &[DVec3], size: f64) -> Result<Vec<DVec3>> {
-    voxel_of(points.len(), |index| points[index], size)
+    voxel_of(
+        points.len(),
+        |index| points[index],
+        |index| index as u32,
+        size,
+    )
 }
 
-/// As [`voxel`], for `count` points that `at` gives by their index, each several times.
-pub fn voxel_of(count: usize, at: impl Fn(usize) -> DVec3 + Sync, size: f64) -> Result<Vec<DVec3>> {
+/// As [`voxel`], for `count` points that `at` gives by their index, each several times; means are
+/// accumulated in the order of what `rank` gives, which differs for each index.
+pub fn voxel_of(
+    count: usize,
+    at: impl Fn(usize) -> DVec3 + Sync,
+    rank: impl Fn(usize) -> u32 + Sync,
+    size: f64,
+) -> Result<Vec<DVec3>> {
     let Some(grid) = Grid::around(count, &at, size)? else {
         return Ok(Vec::new());
     };
@@ -34,7 +45,7 @@ pub fn voxel_of(count: usize, at: impl Fn(usize) -> DVec3 + Sync, size: f64) -> 
     hilbert::radix_sort(&mut entries, &mut Vec::new());
     let pieces: Vec<Vec<DVec3>> = pieces(&entries)
         .into_par_iter()
-        .map(|piece| means(piece, &grid, &at))
+        .map(|piece| means(piece, &grid, &at, &rank))
         .collect();
     let mut all = Vec::with_capacity(pieces.iter().map(Vec::len).sum());
     pieces.into_iter().for_each(|piece| all.extend(piece));
@@ -70,17 +81,22 @@ fn pieces(mut entries: &[u64]) -> Vec<&[u64]> {
     pieces
 }
 
-/// The means of the voxels in some cells, whose entries are sorted by cell and by index.
-fn means(entries: &[u64], grid: &Grid, at: &impl Fn(usize) -> DVec3) -> Vec<DVec3> {
+/// The means of the voxels in some cells, whose entries are sorted by cell.
+fn means(
+    entries: &[u64],
+    grid: &Grid,
+    at: &impl Fn(usize) -> DVec3,
+    rank: &impl Fn(usize) -> u32,
+) -> Vec<DVec3> {
     let mut means = Vec::with_capacity(entries.len());
     let mut members: Vec<(u128, DVec3)> = Vec::new();
     for cell in entries.chunk_by(|a, b| a >> 32 == b >> 32) {
         members.clear();
         members.extend(cell.iter().map(|&entry| {
-            let index = entry as u32;
-            let point = at(index as usize);
+            let index = entry as u32 as usize;
+            let point = at(index);
             let [x, y, z] = grid.voxel_of(point).map(|along| along as u128);
-            (x << 96 | y << 64 | z << 32 | u128::from(index), point)
+            (x << 96 | y << 64 | z << 32 | u128::from(rank(index)), point)
         }));
         members.sort_unstable_by_key(|&(number, _)| number);
         for voxel in members.chunk_by(|a, b| a.0 >> 32 == b.0 >> 32) {

@@ -25,7 +25,7 @@ impl Preparation {
         let cropped = kept.len();
         let kept = match self.voxel {
             Some(size) => kept.voxels(size)?,
-            None => (0..cropped).map(|index| kept.at(index)).collect(),
+            None => kept.in_given_order(),
         };
         Ok(Side {
             input: points.input(),
@@ -125,7 +125,7 @@ mod tests {
             crop: Some(Prism::new(2, (-1.0, 1.0), &square).unwrap()),
             voxel: Some(2.0),
         };
-        let mut positions = plane(20, 0.0).positions().to_vec();
+        let mut positions = plane(20, 0.0).positions();
         positions.push(DVec3::NAN);
         let reconstruction = FinitePoints::new(positions);
         let shift = DMat4::from_translation(DVec3::new(0.0, 0.0, 0.5));

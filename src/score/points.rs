@@ -6,17 +6,19 @@ use glam::{DMat4, DVec3, Vec3};
 use mvs_datasets::scene::{CropVolume, PointCloud};
 use mvs_metrics::align::transform;
 use mvs_metrics::crop::Prism;
-use mvs_metrics::distance::{Listed, Order};
+use mvs_metrics::distance::{self, Listed, Order};
 use mvs_metrics::downsample;
-use std::borrow::Cow;
 
 /// Points handled by one task.
 const BLOCK: usize = 1 << 15;
 
-/// Finite positions, and how many others there were.
+/// Finite positions, and how many others there were. They lie in spatial order, so that whatever
+/// follows finds neighbours close in memory; their order as given is kept beside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FinitePoints {
     positions: Positions,
+    /// Per point, its place among the finite points as given.
+    ranks: Vec<u32>,
     non_finite: usize,
 }
 
@@ -28,19 +30,22 @@ enum Positions {
 }
 
 impl FinitePoints {
-    /// The finite ones of `positions`, in their order.
+    /// The finite ones of `positions`.
     pub fn new(mut positions: Vec<DVec3>) -> Self {
         let input = positions.len();
         positions.retain(|position| position.is_finite());
         let non_finite = input - positions.len();
         let is_single = |position: &DVec3| position.as_vec3().as_dvec3() == *position;
+        let ranks = distance::spatial_order(&positions);
+        let ordered = ranks.iter().map(|&rank| positions[rank as usize]);
         let positions = if positions.iter().all(is_single) {
-            Positions::Single(positions.iter().map(|p| p.as_vec3()).collect())
+            Positions::Single(ordered.map(|position| position.as_vec3()).collect())
         } else {
-            Positions::Double(positions)
+            Positions::Double(ordered.collect())
         };
         Self {
             positions,
+            ranks,
             non_finite,
         }
     }
@@ -63,7 +68,7 @@ impl FinitePoints {
         self.len() == 0
     }
 
-    /// The finite point of an index, in world units.
+    /// The finite point of an index in spatial order, in world units.
     #[inline]
     pub fn at(&self, index: usize) -> DVec3 {
         match &self.positions {
@@ -72,17 +77,18 @@ impl FinitePoints {
         }
     }
 
-    /// The finite positions, in world units.
+    /// The finite positions in spatial order, in world units.
     pub fn iter(&self) -> impl Iterator<Item = DVec3> {
         (0..self.len()).map(|index| self.at(index))
     }
 
-    /// The finite positions as a list, in world units.
-    pub fn positions(&self) -> Cow<'_, [DVec3]> {
-        match &self.positions {
-            Positions::Single(_) => self.iter().collect(),
-            Positions::Double(positions) => positions.into(),
+    /// The finite positions in the order given, in world units.
+    pub fn positions(&self) -> Vec<DVec3> {
+        let mut positions = vec![DVec3::ZERO; self.len()];
+        for (position, &rank) in self.iter().zip(&self.ranks) {
+            positions[rank as usize] = position;
         }
+        positions
     }
 
     /// How many points were given, the dropped ones included.
@@ -114,8 +120,7 @@ pub struct Moved<'a> {
 }
 
 impl<'a> Moved<'a> {
-    /// The points moved by `target_from_source` that lie inside `crop` (all, without one), in their
-    /// order. An error where there are more points than 32 bits count.
+    /// The points moved by `target_from_source` that lie inside `crop` (all, without one). An error where there are more points than 32 bits count.
     pub fn new(
         points: &'a FinitePoints,
         target_from_source: Option<DMat4>,
@@ -143,13 +148,30 @@ impl<'a> Moved<'a> {
         })
     }
 
-    /// Only the points at 0, k, 2k, ….
+    /// Only the points at 0, k, 2k, … of the order given.
     #[must_use]
     pub fn every_kth(&self, k: usize) -> Self {
-        Self {
-            kept: self.kept.iter().step_by(k.max(1)).copied().collect(),
-            ..*self
+        if k <= 1 {
+            return self.clone();
         }
+        let mut kept: Vec<u32> = self.given().step_by(k).collect();
+        kept.sort_unstable();
+        Self { kept, ..*self }
+    }
+
+    /// The indices kept, in the order in which their points were given.
+    fn given(&self) -> impl Iterator<Item = u32> {
+        let entry =
+            |&index: &u32| u64::from(self.points.ranks[index as usize]) << 32 | u64::from(index);
+        let mut entries: Vec<u64> = self.kept.iter().map(entry).collect();
+        entries.sort_unstable();
+        entries.into_iter().map(|entry| entry as u32)
+    }
+
+    /// The moved points in the order given.
+    pub fn in_given_order(&self) -> Vec<DVec3> {
+        let at = |index: u32| moved(self.points.at(index as usize), self.motion);
+        self.given().map(at).collect()
     }
 
     /// How many points.
@@ -162,7 +184,7 @@ impl<'a> Moved<'a> {
         self.kept.is_empty()
     }
 
-    /// The moved point of an index.
+    /// The moved point of an index in spatial order.
     #[inline]
     pub fn at(&self, index: usize) -> DVec3 {
         moved(self.points.at(self.kept[index] as usize), self.motion)
@@ -173,15 +195,16 @@ impl<'a> Moved<'a> {
         Listed {
             count: self.len(),
             at: |index| self.at(index),
-            order: Order::Any,
+            order: Order::Spatial,
         }
     }
 
-    /// The mean per voxel of an edge, in spatial order.
+    /// The mean per voxel of an edge, accumulated in the order given; in spatial order.
     pub fn voxels(&self, size: f64) -> Result<Vec<DVec3>> {
         Ok(downsample::voxel_of(
             self.len(),
             |index| self.at(index),
+            |index| self.points.ranks[self.kept[index] as usize],
             size,
         )?)
     }
@@ -201,7 +224,7 @@ mod tests {
     fn non_finite_points_are_counted_and_dropped() {
         let points = vec![DVec3::ONE, DVec3::NAN, DVec3::X, DVec3::INFINITY];
         let points = FinitePoints::new(points);
-        assert_eq!(*points.positions(), [DVec3::ONE, DVec3::X]);
+        assert_eq!(points.positions(), [DVec3::ONE, DVec3::X]);
         assert_eq!((points.input(), points.non_finite()), (4, 2));
     }
 
@@ -219,16 +242,33 @@ mod tests {
             .filter(|&point| crop.contains(point))
             .collect();
         let points = FinitePoints::new(points);
-        let all = |moved: &Moved| (0..moved.len()).map(|i| moved.at(i)).collect::<Vec<_>>();
         let kept = Moved::new(&points, Some(motion), Some(&crop)).unwrap();
-        assert_eq!(all(&kept), slow);
+        assert_eq!(kept.in_given_order(), slow);
         assert!(kept.len() > 9_000 && kept.len() < 11_000);
         let thinned: Vec<DVec3> = slow.into_iter().step_by(7).collect();
-        assert_eq!(all(&kept.every_kth(7)), thinned);
-        assert_eq!(
-            all(&Moved::new(&points, None, None).unwrap()),
-            *points.positions()
-        );
+        assert_eq!(kept.every_kth(7).in_given_order(), thinned);
+        let all = Moved::new(&points, None, None).unwrap();
+        assert_eq!(all.in_given_order(), points.positions());
+    }
+
+    #[test]
+    fn voxel_means_are_accumulated_in_the_order_given() {
+        let hash = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as f64 * 1e-7;
+        let point = |i: u64| DVec3::new(hash(3 * i), hash(3 * i + 1), hash(3 * i + 2));
+        let points: Vec<DVec3> = (0..20_000).map(point).collect();
+        let row = |p: &DVec3| p.to_array();
+        let sorted = |mut points: Vec<DVec3>| {
+            points.sort_by(|a, b| row(a).partial_cmp(&row(b)).unwrap());
+            points
+        };
+        let expected = downsample::voxel_plain(&points, 0.15).unwrap();
+        let finite = FinitePoints::new(points);
+        let found = Moved::new(&finite, None, None)
+            .unwrap()
+            .voxels(0.15)
+            .unwrap();
+        assert!(found.len() < 5000);
+        assert_eq!(sorted(found), sorted(expected));
     }
 
     #[test]
@@ -238,8 +278,7 @@ mod tests {
         wide.push(DVec3::new(0.1, 1e300, -5e-324));
         for points in [narrow, wide] {
             let finite = FinitePoints::new(points.clone());
-            assert_eq!(*finite.positions(), points);
-            assert!(finite.iter().eq(points));
+            assert_eq!(finite.positions(), points);
         }
     }
 }

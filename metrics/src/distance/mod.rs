@@ -47,6 +47,12 @@ pub fn listed(points: &[DVec3], order: Order) -> Listed<impl Fn(usize) -> DVec3 
     }
 }
 
+/// The indices of finite points, at most 2³² − 1, along a curve on which neighbours are neighbours
+/// in space. Points in the same place stay in order.
+pub fn spatial_order(points: &[DVec3]) -> Vec<u32> {
+    hilbert::order(points.len(), &|index| points[index])
+}
+
 /// Per point of `a` the distance to its nearest point of `b`, and the reverse, in the order given:
 /// one index per cloud serves both. Everything is infinitely far from an empty cloud. An error
 /// where a point is not finite and the other cloud is not empty.
