@@ -7,8 +7,8 @@
 use super::lanes::LANES;
 use glam::DVec3;
 
-/// Most triangles of a cluster.
-pub(crate) const MOST_TRIANGLES: usize = 64;
+/// Most triangles of a cluster: its vertices are numbered in a byte.
+pub(crate) const MOST_TRIANGLES: usize = 80;
 /// Most vertices of a cluster.
 pub(crate) const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
 
@@ -126,7 +126,7 @@ impl Draft {
             .iter()
             .fold(self.radius, |radius, v| radius.max(v.abs()));
         self.vertices += 1;
-        #[allow(clippy::cast_possible_truncation, reason = "at most 192 vertices")]
+        #[allow(clippy::cast_possible_truncation, reason = "at most 240 vertices")]
         let place = (self.vertices - 1) as u8;
         place
     }
@@ -155,7 +155,7 @@ impl Draft {
             words.extend([low, high].map(|half| f32::from_bits(half as u32)));
         }
         words.push(self.radius);
-        #[allow(clippy::cast_possible_truncation, reason = "at most 24 and 64")]
+        #[allow(clippy::cast_possible_truncation, reason = "at most 30 and 80")]
         words.push(f32::from_bits(
             self.packs.len() as u32 | (self.triangles as u32) << 16,
         ));

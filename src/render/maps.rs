@@ -91,6 +91,7 @@ struct Row {
     places: [u32; SIZE],
     /// Triangles met of late, by their number, with their place in `flats`.
     met: [(u32, u32); SLOTS],
+    fresh: Fresh,
 }
 
 impl Row {
@@ -106,12 +107,14 @@ impl Row {
             flats: Vec::with_capacity(SIZE),
             places: [0; SIZE],
             met: [(NONE, 0); SLOTS],
+            fresh: Fresh::new(),
         }
     }
 
     /// Works out the triangles that have not been met of late.
     fn meet(&mut self, frame: &Frame<'_>, ids: &[u32]) {
-        let mut fresh = Fresh::new();
+        let fresh = &mut self.fresh;
+        fresh.count = 0;
         let mut before = (NONE, 0);
         for (column, &id) in ids.iter().enumerate() {
             if id == NONE {

@@ -1,0 +1,179 @@
+"""Visibility and exact maps: ours beside Embree, in one run, on one thread each, CPU time.
+
+usage: python benches/render_visibility.py OUT_DIR [--binary PATH] [--repeats 3] SIDE...
+
+For each terrain of SIDE x SIDE cells (2 SIDE^2 triangles) three pinhole views of 2048x1536 are taken
+with: examples/render_visibility.rs (visibility alone; depth, normal, triangle and weights in f64),
+embreex with its robust flag (triangle numbers alone; then everything it returns) and Open3D's
+RaycastingScene, which sets Embree's robust flag itself and returns everything. Appends to
+OUT_DIR/render_visibility.csv. `--leaks N` instead counts rays aimed at corners and edges of closed
+spheres from inside that hit nothing, N of ours and a tenth of it for embreex with and without the
+robust flag, into OUT_DIR/leaks.csv.
+"""
+
+import argparse
+import csv
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import time
+
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["RAYON_NUM_THREADS"] = "1"
+
+import numpy as np
+from embreex import mesh_construction, rtcore_scene
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+EYES = [(0.9, -1.4, 1.1), (-1.1, 0.3, 0.5), (0.1, 0.2, 1.6)]
+
+
+def terrain(side):
+    at = np.arange(side + 1) / side * 2.0 - 1.0
+    x, y = np.meshgrid(at, at)
+    z = 0.1 * np.sin(7.0 * x) * np.cos(5.0 * y) + 0.02 * np.sin(40.0 * x * y)
+    vertices = np.stack([x, y, z], -1).reshape(-1, 3).astype(np.float32)
+    i, j = np.meshgrid(np.arange(side, dtype=np.int32), np.arange(side, dtype=np.int32))
+    a = (j * (side + 1) + i).ravel()
+    return vertices, np.stack([a, a + 1, a + side + 2, a, a + side + 2, a + side + 1], -1).reshape(-1, 3)
+
+
+def sphere(rings):
+    around = 2 * rings
+    p, t = np.meshgrid(np.pi * np.arange(1, rings) / rings, 2 * np.pi * np.arange(around) / around,
+                       indexing="ij")
+    ring = np.stack([np.sin(p) * np.cos(t), np.sin(p) * np.sin(t), np.cos(p)], -1).reshape(-1, 3)
+    vertices = np.concatenate([[[0, 0, 1]], ring, [[0, 0, -1]]]).astype(np.float32)
+    r, s = np.meshgrid(np.arange(rings - 2), np.arange(around), indexing="ij")
+    a, b = (1 + r * around + s).ravel(), (1 + r * around + (s + 1) % around).ravel()
+    cells = np.stack([a, a + around, b + around, a, b + around, b], -1).reshape(-1, 3)
+    s = np.arange(around)
+    last = 1 + (rings - 2) * around
+    top = np.stack([0 * s, 1 + s, 1 + (s + 1) % around], -1)
+    bottom = np.stack([last + s, 0 * s + len(vertices) - 1, last + (s + 1) % around], -1)
+    return vertices, np.concatenate([cells, top, bottom]).astype(np.int32)
+
+
+def rays(eye):
+    eye = np.array(eye)
+    ahead = -eye / np.linalg.norm(eye)
+    right = np.cross(ahead, (0.1, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    down = np.cross(ahead, right)
+    column, row = np.meshgrid(np.arange(2048) + 0.5, np.arange(1536) + 0.5)
+    x, y = ((column - 1024) / 1600).ravel(), ((row - 768) / 1600).ravel()
+    directions = (x[:, None] * right + y[:, None] * down + ahead).astype(np.float32)
+    return np.ascontiguousarray(np.broadcast_to(eye.astype(np.float32), directions.shape)), directions
+
+
+def timed(repeats, work):
+    times = []
+    for _ in range(repeats):
+        start = time.process_time()
+        result = work()
+        times.append(time.process_time() - start)
+    return statistics.median(times), result
+
+
+def embree(vertices, triangles, robust):
+    start = time.process_time()
+    scene = rtcore_scene.EmbreeScene(robust=robust)
+    mesh_construction.TriangleMesh(scene, vertices, triangles)
+    scene.run(vertices[:2], vertices[1:3] - vertices[:2])
+    return scene, time.process_time() - start
+
+
+def append(path, rows):
+    new = not path.exists()
+    with open(path, "a", newline="") as file:
+        writer = csv.DictWriter(file, rows[0], lineterminator="\n")
+        if new:
+            writer.writeheader()
+        writer.writerows(rows)
+
+
+def compare(binary, side, repeats, out):
+    import open3d as o3d
+
+    ours = json.loads(subprocess.run([binary, str(repeats), str(side)], check=True,
+                                     capture_output=True).stdout)
+    vertices, triangles = terrain(side)
+    scene, embree_build = embree(vertices, triangles, True)
+    wide = o3d.t.geometry.RaycastingScene(nthreads=1)
+    wide.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(triangles.astype(np.uint32)))
+    wide.cast_rays(o3d.core.Tensor(np.ones((1, 6), np.float32)))
+    rows = []
+    for index, (eye, mine) in enumerate(zip(EYES, ours["views"])):
+        origins, directions = rays(eye)
+        single, hit = timed(repeats, lambda: scene.run(origins, directions))
+        full, _ = timed(repeats, lambda: scene.run(origins, directions, output=True))
+        joined = o3d.core.Tensor(np.concatenate([origins, directions], 1))
+        open3d, _ = timed(repeats, lambda: wide.cast_rays(joined, nthreads=1))
+        rows.append({
+            "triangles": int(ours["triangles"]), "view": index, "hits": mine["hits"],
+            "embree_hits": int((np.asarray(hit) >= 0).sum()),
+            "visibility_ms": 1e3 * mine["visibility_s"], "maps_ms": 1e3 * mine["maps_s"],
+            "embree_robust_ms": 1e3 * single, "embree_robust_all_ms": 1e3 * full,
+            "open3d_ms": 1e3 * open3d,
+            "ratio_visibility": single / mine["visibility_s"], "ratio_maps": full / mine["maps_s"],
+            "ratio_maps_open3d": open3d / mine["maps_s"],
+        })
+    append(out / "render_visibility.csv", rows)
+    append(out / "build.csv", [{
+        "triangles": int(ours["triangles"]),
+        "build_mtri_s": ours["triangles"] / 1e6 / ours["build_s"],
+        "embree_build_mtri_s": ours["triangles"] / 1e6 / embree_build,
+        "bytes_per_triangle": ours["bytes_per_triangle"],
+        "build_peak_bytes_per_triangle": ours["build_peak_bytes_per_triangle"],
+        "process_peak_mib": ours["process_peak_bytes"] / 2**20,
+    }])
+
+
+def leaks(binary, count, out):
+    lines = subprocess.run([binary, "leaks", str(count)], check=True, capture_output=True,
+                           text=True).stdout.splitlines()
+    rows = [{"tracer": "mvs-eval", **json.loads(line)} for line in lines]
+    random = np.random.default_rng(17)
+    for rings in (200, 28):
+        vertices, triangles = sphere(rings)
+        count_here = count // 20
+        chosen = vertices[triangles[random.integers(len(triangles), size=count_here)]]
+        along = random.random(count_here)
+        along[: count_here // 2] = 0.0
+        target = chosen[:, 0] + along[:, None] * (chosen[:, 1] - chosen[:, 0])
+        origins = (random.random((count_here, 3)) * 0.8 - 0.4).astype(np.float32)
+        for robust in (True, False):
+            scene, _ = embree(vertices, triangles, robust)
+            missed = np.asarray(scene.run(origins, (target - origins).astype(np.float32))) < 0
+            rows.append({"tracer": "embree robust" if robust else "embree default",
+                         "mesh": f"sphere, {len(triangles) // 1000} k triangles",
+                         "rays": count_here,
+                         "leaks_at_corners": int(missed[: count_here // 2].sum()),
+                         "leaks_at_edges": int(missed[count_here // 2:].sum())})
+    append(out / "leaks.csv", rows)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("sides", type=int, nargs="*")
+    parser.add_argument("--binary")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--leaks", type=int)
+    options = parser.parse_args()
+    binary = options.binary
+    if binary is None:
+        build = ["cargo", "build", "--release", "--example", "render_visibility"]
+        subprocess.run(build, cwd=ROOT, check=True)
+        binary = str(ROOT / "target/release/examples/render_visibility")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for side in options.sides:
+        compare(binary, side, options.repeats, options.out)
+    if options.leaks:
+        leaks(binary, options.leaks, options.out)
+
+
+if __name__ == "__main__":
+    main()
