@@ -514,17 +514,10 @@ fn a_sweep_reads_once_and_each_line_is_what_fusing_gives() {
 
 #[test]
 fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
-    let options = SyntheticOptions {
-        views: 6,
-        width: 160,
-        height: 120,
-        ..SyntheticOptions::default()
-    };
-    let scene = SyntheticScene::new(options).unwrap();
+    let scene = scene();
     let folder = tempfile::tempdir().unwrap();
     let mut exact = write_scene(&scene, None, folder.path());
     exact.out = folder.path().join("truth.ply");
-    exact.fuse.min_sources = 2;
     fuse(&exact, false).unwrap();
     let truth = FinitePoints::new(files::read_cloud(&exact.out).unwrap().positions().to_vec());
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
@@ -542,7 +535,7 @@ fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
     }
     job.fuse.min_sources = 3;
     job.fuse.soften = false;
-    // About two thirds of what a pixel spans.
+    // About a third of what a pixel spans.
     let tau = mvs_metrics::Tolerance::new(0.012).unwrap();
     let [valid, plain] = [Sampling::Valid, Sampling::Plain].map(|sampling| {
         job.fuse.sampling = sampling;
