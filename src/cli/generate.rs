@@ -1,7 +1,7 @@
 use super::blend::BlendFlags;
 use super::common::{Centre, Global, Verdict, resolve, with_context};
 use super::output::{answer, table};
-use super::render::{CameraFlags, RenderFlags};
+use super::render::{CameraFlags, MeshFlags, RenderFlags};
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use mvs_eval::config::{self, Size};
@@ -23,7 +23,8 @@ use std::path::{Path, PathBuf};
 /// Example: mvs-eval generate --mesh model.obj --cameras cams --photos images --out dataset
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct GenerateArgs {
-    /// Mesh files (.obj with .mtl and textures, .ply), or folders of tiles; together one scene
+    /// Mesh files (.obj with .mtl and textures, .ply, .glb, .gltf), folders of tiles, or quoted patterns
+    /// like 'tiles/*.obj'; together one scene
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     mesh: Vec<PathBuf>,
@@ -70,6 +71,8 @@ pub(crate) struct GenerateArgs {
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
     #[command(flatten)]
+    meshes: MeshFlags,
+    #[command(flatten)]
     options: GenerateFlags,
 }
 
@@ -110,6 +113,11 @@ enum ExtraFlag {
     Normals,
     /// Per pair, where the source sees the reference's surface
     Occlusion,
+    /// Normals interpolated between vertices, camera frame
+    InterpolatedNormals,
+    /// What each pixel shows: 0 nothing, 32 no ray, 64 the back of a triangle, 192 surface whose samples
+    /// disagree, 255 surface
+    Sight,
     /// Where depth jumps
     DepthEdges,
     /// How much of each view's surface each other view sees

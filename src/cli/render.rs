@@ -1,6 +1,6 @@
 use super::common::{Centre, Global, Verdict, resolve, with_context};
 use super::output::{answer, table};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use mvs_eval::config::Size;
 use mvs_eval::jobs::render::{self, RenderJob, RenderOutcome};
 use serde::Serialize;
@@ -9,12 +9,14 @@ use std::path::PathBuf;
 /// Render a textured mesh from every camera: depth, colour, cams
 ///
 /// Writes depth/<id>.pfm (z-depth in world units, 0 = none, exact at pixel centres), color/<id>.png
-/// (8-bit sRGB) and cams/<id>_cam.txt, where <id> has eight digits.
+/// (8-bit sRGB) and cams/<id>_cam.txt, where <id> has eight digits. Cameras with a lens are rendered
+/// through it, by exact inversion of its distortion; --undistort renders pinhole images instead.
 ///
 /// Example: mvs-eval render --mesh model.obj --cameras cams --pixel-center integer --out rendered
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct RenderArgs {
-    /// Mesh files (.obj with .mtl and textures, .ply), or folders of tiles; together one scene
+    /// Mesh files (.obj with .mtl and textures, .ply, .glb, .gltf), folders of tiles, or quoted patterns
+    /// like 'tiles/*.obj'; together one scene
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     mesh: Vec<PathBuf>,
@@ -32,8 +34,36 @@ pub(crate) struct RenderArgs {
     /// Where the cameras put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
+    /// Render pinhole images of cameras that have a lens
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    undistort: bool,
+    /// Write more: normals (geometric), interpolated_normals, sight (what each pixel shows: 0 nothing,
+    /// 32 no ray, 64 the back of a triangle, 192 surface whose samples disagree, 255 surface)
+    #[arg(long = "also", value_enum, value_delimiter = ',', value_name = "WHAT")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    extras: Vec<Also>,
+    #[command(flatten)]
+    meshes: MeshFlags,
     #[command(flatten)]
     render: RenderFlags,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+enum Also {
+    Normals,
+    InterpolatedNormals,
+    Sight,
+}
+
+/// How meshes are read.
+#[derive(Debug, Args, Serialize)]
+pub(crate) struct MeshFlags {
+    /// The most memory in MiB that decoded textures may take (default 6144); more are refused
+    #[arg(long, value_name = "MIB")]
+    texture_memory: Option<u64>,
 }
 
 /// What camera files may leave open.
@@ -58,6 +88,17 @@ pub(crate) struct RenderFlags {
     /// Colour samples per pixel, a square number: 4 for drafts, 16 (default) for data sets
     #[arg(long)]
     samples: Option<u32>,
+    /// What the backs of triangles are: invalid (default; they hide what is behind and have no depth)
+    /// or valid (surface like the front). Double-sided glTF materials are valid on both sides.
+    #[arg(long, value_enum)]
+    back_faces: Option<Backs>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Backs {
+    Invalid,
+    Valid,
 }
 
 pub(crate) fn run(args: &RenderArgs, global: &Global) -> anyhow::Result<Verdict> {

@@ -46,6 +46,10 @@ pub enum Extra {
     Normals,
     /// `occlusion/`: per pair, where the source sees the reference's surface.
     Occlusion,
+    /// `interpolated_normals/`: normals interpolated between vertices, camera frame.
+    InterpolatedNormals,
+    /// `sight/`: what each pixel shows, as [`crate::render::Sight::level`].
+    Sight,
     /// `depth_edges/`: where the depth jumps.
     DepthEdges,
     /// `covisibility.npy`: how much of each view's surface each other view sees.

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::parallel;
 use crate::progress::Progress;
-use crate::render::Renderer;
+use crate::render::{BackFaces, Renderer};
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{Mesh, SourceScore, View};
 use serde::{Deserialize, Serialize};
@@ -90,14 +90,17 @@ impl Covisibility {
     pub fn measure(
         (renderer, mesh): (&Renderer, &Mesh),
         views: &[View],
-        options: &PairOptions,
+        (options, back_faces): (&PairOptions, BackFaces),
         progress: &dyn Progress,
     ) -> Result<Self> {
         options.check()?;
         progress.begin("finding source views", views.len() as u64);
         let rows = parallel::try_map(views.len(), |reference| {
             progress.check()?;
-            let (points, looked_at) = surface_points((renderer, mesh), &views[reference], options);
+            let (points, looked_at) = {
+                let look = (options, back_faces);
+                surface_points((renderer, mesh), &views[reference], look)
+            };
             let row = views
                 .iter()
                 .map(|other| compare(renderer, &points, (&views[reference], other), options))
@@ -158,7 +161,7 @@ impl Covisibility {
 fn surface_points(
     (renderer, mesh): (&Renderer, &Mesh),
     view: &View,
-    options: &PairOptions,
+    (options, back_faces): (&PairOptions, BackFaces),
 ) -> (Vec<SurfacePoint>, usize) {
     let camera = &view.camera;
     let pixels = f64::from(camera.width()) * f64::from(camera.height());
@@ -178,7 +181,9 @@ fn surface_points(
                 centre(row, camera.height(), rows),
             );
             let direction = view.pose.direction_to_world(camera.ray(pixel));
-            if let Some(hit) = renderer.first_hit(center, direction, (0.0, f64::INFINITY)) {
+            let hit = renderer.first_hit(center, direction, (0.0, f64::INFINITY));
+            let hit = hit.filter(|hit| !renderer.is_hollow(hit, direction, back_faces));
+            if let Some(hit) = hit {
                 points.push(SurfacePoint {
                     position: center + hit.distance * direction,
                     normal: normal_towards(mesh, hit.triangle, -direction),

@@ -39,6 +39,12 @@ pub fn mesh_digest(mesh: &Mesh) -> String {
     feed(&mut bytes);
     for material in mesh.materials() {
         bytes.extend(material.color);
+        bytes.extend([u8::from(material.tinted), u8::from(material.double_sided)]);
+        if let Some(cutout) = &material.cutout {
+            bytes.extend(cutout.cutoff.to_le_bytes());
+            bytes.extend(cutout.opacity.width().to_le_bytes());
+            bytes.extend(cutout.opacity.values());
+        }
         if let Some(texture) = &material.texture {
             bytes.extend(texture.width().to_le_bytes());
             bytes.extend(texture.values().iter().flatten());
@@ -66,21 +72,15 @@ pub(super) fn scene_digest(mesh: &str, options: &GenerateOptions) -> Result<Stri
 }
 
 /// A view's camera and pose, to the last bit.
-pub(super) fn view_numbers(view: &View) -> (u32, String, Vec<f64>) {
-    use mvs_datasets::scene::Distortion;
+pub(super) fn view_numbers(view: &View) -> (u32, String, Vec<f64>, String) {
     let camera = &view.camera;
     let mut numbers = vec![f64::from(camera.width()), f64::from(camera.height())];
     numbers.extend(camera.focal().to_array());
     numbers.extend(camera.center().to_array());
     numbers.extend(view.pose.matrix().to_cols_array());
-    match camera.distortion() {
-        Distortion::None => {}
-        Distortion::RadialTangential { radial, tangential } => {
-            numbers.extend(radial.iter().chain(&tangential));
-        }
-        Distortion::Fisheye { radial } => numbers.extend(radial),
-    }
-    (view.id, view.name.clone(), numbers)
+    // `Debug` writes numbers so that they read back to the same bits.
+    let lens = format!("{:?}", camera.distortion());
+    (view.id, view.name.clone(), numbers, lens)
 }
 
 /// What the content of one view follows from: the scene's digest, the view (as given and fitted),

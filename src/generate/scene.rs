@@ -274,8 +274,8 @@ fn plan_scene(
     views.sort_by_key(|view| view.id);
     let fit = |view: &View| Ok(Fit::undistorting(&view.camera, size)?.view(view));
     let fitted = views.iter().map(fit).collect::<Result<Vec<_>>>()?;
-    let covisibility =
-        Covisibility::measure((renderer, source.mesh), &fitted, &options.pairs, progress)?;
+    let look = (&options.pairs, options.render.back_faces);
+    let covisibility = Covisibility::measure((renderer, source.mesh), &fitted, look, progress)?;
     let mut sources = covisibility.sources(&fitted, options.pairs.sources);
     let (places, dropped): (Vec<usize>, Vec<usize>) =
         (0..fitted.len()).partition(|&i| !sources[i].is_empty());
@@ -331,6 +331,10 @@ fn conventions(options: &GenerateOptions) -> BTreeMap<String, String> {
             "camera frame, facing the camera, unit length; 0 = none",
         ),
         ("mask", "255 where there is rendered surface"),
+        (
+            "sight",
+            "0 = nothing, 32 = no ray, 64 = back of a triangle, 192 = mixed surface, 255 = surface",
+        ),
         (
             "occlusion",
             "0 = no surface or outside the source, 128 = occluded, 255 = visible",

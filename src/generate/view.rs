@@ -8,8 +8,9 @@ use super::{Extra, Fit, GenerateOptions, Source};
 use crate::blend::{self, Blender};
 use crate::error::{Error, Result};
 use crate::provenance;
-use crate::render::{Renderer, Rendering};
+use crate::render::{RenderOptions, Renderer, Rendering};
 use mvs_datasets::format::image::{self, JpegOptions};
+use mvs_datasets::format::pfm;
 use mvs_datasets::layout::blended::record::{self, ViewRecord};
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::files;
@@ -76,7 +77,11 @@ impl ViewWork<'_> {
 
     /// Renders and blends.
     fn images(&self, given: &View, fitted: &View) -> Result<Images> {
-        let rendering = self.renderer.render(fitted, &self.options.render)?;
+        let render = RenderOptions {
+            interpolated_normals: self.options.extras.contains(&Extra::InterpolatedNormals),
+            ..self.options.render.clone()
+        };
+        let rendering = self.renderer.render(fitted, &render)?;
         let photograph = self.source.photographs.photograph(given, &rendering)?;
         let named = |error| Error::invalid(format!("view {}", given.id), format!("{error}"));
         let fit = Fit::undistorting(&given.camera, self.options.size)?;
@@ -199,6 +204,19 @@ impl ViewWork<'_> {
                 folder.write_normals(id, &rendering.normals)?;
                 folder.normals(id)
             }
+            Extra::InterpolatedNormals => {
+                let path = folder.interpolated_normals(id);
+                if let Some(normals) = &rendering.interpolated_normals {
+                    files::write_atomically(&path, |out| pfm::write_color(out, normals))?;
+                }
+                path
+            }
+            Extra::Sight => {
+                let path = folder.sight(id);
+                let levels = rendering.sight.map(|sight| sight.level());
+                files::write_atomically(&path, |out| image::write_gray_png(out, &levels))?;
+                path
+            }
             Extra::Occlusion => return self.write_occlusion(view, rendering, watchers),
             Extra::Covisibility | Extra::Transforms | Extra::Colmap => return Ok(Vec::new()),
         };
@@ -263,7 +281,7 @@ pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -
 }
 
 /// The scene's folder and those in it that hold files of views.
-const FOLDERS: [&str; 12] = [
+const FOLDERS: [&str; 14] = [
     "",
     "blended_images",
     "cams",
@@ -272,6 +290,8 @@ const FOLDERS: [&str; 12] = [
     "rendered_images",
     "masks",
     "normals",
+    "interpolated_normals",
+    "sight",
     "occlusion",
     "depth_edges",
     "views",

@@ -84,14 +84,34 @@ fn goes_with(size: Size, camera: &Camera) -> bool {
 
 /// The scene with cameras scaled to cover images of `size` and cropped to their centre.
 pub fn fitted(scene: Scene, size: Size) -> Result<Scene> {
-    let fit = |view: &View| -> Result<View> {
+    mapped(scene, |view| {
         Ok(Fit::new(&view.camera, Some((size.width, size.height)))?.view(view))
-    };
-    let views = scene
-        .views()
-        .iter()
-        .map(fit)
-        .collect::<Result<Vec<View>>>()?;
+    })
+}
+
+/// How many views have a lens, which a `cam.txt` cannot hold.
+pub fn lens_count(scene: &Scene) -> usize {
+    let views = scene.views().iter();
+    views
+        .filter(|view| view.camera.distortion() != Distortion::None)
+        .count()
+}
+
+/// The scene with pinhole cameras of the same focal lengths and principal points in the place of
+/// those with a lens.
+pub fn without_lenses(scene: Scene) -> Result<Scene> {
+    mapped(scene, |view| {
+        Ok(View {
+            camera: view.camera.with_distortion(Distortion::None)?,
+            ..view.clone()
+        })
+    })
+}
+
+/// The scene with its views changed one by one; their ids stay.
+fn mapped(scene: Scene, change: impl Fn(&View) -> Result<View>) -> Result<Scene> {
+    let views = scene.views().iter().map(change);
+    let views = views.collect::<Result<Vec<View>>>()?;
     let sources = (0..views.len())
         .map(|index| scene.sources_of(index).to_vec())
         .collect();
@@ -173,8 +193,16 @@ mod tests {
         };
         let plain = Scene::new(vec![view(3, camera)]).unwrap();
         assert!(check_no_lens(&plain).is_ok());
+        assert_eq!(lens_count(&plain), 0);
         let bent = view(7, camera.with_distortion(lens).unwrap());
-        let error = check_no_lens(&Scene::new(vec![view(3, camera), bent]).unwrap()).unwrap_err();
+        let bent = Scene::new(vec![view(3, camera), bent]).unwrap();
+        assert_eq!(lens_count(&bent), 1);
+        let error = check_no_lens(&bent).unwrap_err();
         assert!(error.to_string().contains("view 7"), "{error}");
+        let straight = without_lenses(bent).unwrap();
+        assert_eq!(
+            (lens_count(&straight), straight.views()[1].camera),
+            (0, camera)
+        );
     }
 }

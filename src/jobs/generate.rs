@@ -1,6 +1,7 @@
 //! `mvs-eval generate`: mesh + cameras + photographs → a BlendedMVS scene.
 
 use super::cameras::{self, CameraOptions};
+use super::meshes::{MeshOptions, read_mesh};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -8,7 +9,6 @@ use crate::generate::{self, GenerateOptions, Part, PhotoFolder, Source, Target, 
 use crate::provenance::Run;
 use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
-use mvs_datasets::layout::mesh;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::scene::Scene;
 use serde::{Deserialize, Serialize};
@@ -42,6 +42,8 @@ pub struct GenerateJob {
     pub camera: CameraOptions,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
+    /// How the mesh is read.
+    pub meshes: MeshOptions,
     /// How the scene is made.
     pub options: GenerateOptions,
 }
@@ -78,10 +80,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         OutDir::create_again(&root.join(&id), run.clone(), context.force)
     };
     let outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
-    let loaded = mesh::read_meshes(&job.mesh)?;
-    for note in &loaded.notes {
-        context.warnings.add("mesh", note.clone());
-    }
+    let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
     let source = Source {
         name: &name,
         id: &id,

@@ -2,12 +2,14 @@
 
 use super::Context;
 use crate::error::{Error, Result};
+use glam::DVec2;
 use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::{files, mesh};
-use mvs_datasets::scene::{Aabb, Scene, View};
+use mvs_datasets::scene::{Aabb, ColorImage, Distortion, Material, Mesh, Scene, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Options of `mvs-eval inspect`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -59,7 +61,7 @@ pub fn run(job: &InspectJob, _context: &Context<'_>) -> Result<Inspection> {
     } else {
         match extension.as_str() {
             "ply" => inspect_ply(path)?,
-            "obj" => inspect_mesh(path)?,
+            "obj" | "gltf" | "glb" => inspect_mesh(path)?,
             "pfm" => inspect_depth(path)?,
             "jpg" | "jpeg" | "png" => inspect_image(path)?,
             "log" => inspect_log(path)?,
@@ -75,7 +77,7 @@ pub fn run(job: &InspectJob, _context: &Context<'_>) -> Result<Inspection> {
 }
 
 fn unknown(path: &Path) -> Error {
-    let known = "a .ply, .obj, .pfm, .jpg, .png, .log or .json file, or a folder of cams or meshes";
+    let known = "a .ply, .obj, .gltf, .glb, .pfm, .jpg, .png, .log or .json file, or a folder of cams or meshes";
     Error::invalid(path.display().to_string(), format!("expected {known}"))
 }
 
@@ -115,6 +117,7 @@ fn scene_facts(scene: &Scene) -> Vec<Fact> {
         facts.push(fact("ids", format!("{} … {}", first.id, last.id)));
         facts.push(fact("first view", view_text(first)));
     }
+    facts.push(fact("lens", lens_text(views)));
     let centers = Aabb::around(views.iter().map(|view| view.pose.center_in_world()));
     facts.push(fact("camera centres", box_text(centers)));
     let ranges: Vec<_> = views.iter().filter_map(|view| view.depth_range).collect();
@@ -143,6 +146,42 @@ fn view_text(view: &View) -> String {
         focal.y,
         center.x,
         center.y
+    )
+}
+
+/// What lenses do, in plain words.
+fn lens_text(views: &[View]) -> String {
+    let bent = |view: &&View| view.camera.distortion() != Distortion::None;
+    let Some(first) = views.iter().find(bent) else {
+        return "none: pinhole cameras".to_owned();
+    };
+    let kind = match first.camera.distortion() {
+        Distortion::None => "none",
+        Distortion::RadialTangential { .. } => "radial and tangential",
+        Distortion::Fisheye { .. } => "fisheye",
+        Distortion::ThinPrismFisheye { .. } => "thin-prism fisheye",
+        Distortion::FieldOfView { .. } => "field-of-view",
+    };
+    let camera = first.camera;
+    let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
+    let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE].map(|part| part * size);
+    let angle = |corner: DVec2| {
+        let ray = camera.ray(corner);
+        ray.is_finite()
+            .then(|| ray.truncate().length().atan().to_degrees())
+    };
+    let reach: Vec<f64> = corners.into_iter().filter_map(angle).collect();
+    let corner = match reach.iter().copied().reduce(f64::max) {
+        Some(degrees) if reach.len() == 4 => {
+            format!("its corners look up to {degrees:.1} degrees off the axis")
+        }
+        _ => "its corners lie outside its field, where there are no rays".to_owned(),
+    };
+    let count = views.iter().filter(bent).count();
+    format!(
+        "{count} of {} views have a {kind} lens; that of view {}: {corner}",
+        views.len(),
+        first.id
     )
 }
 
@@ -192,27 +231,82 @@ fn inspect_ply(path: &Path) -> Answer {
 fn inspect_mesh(path: &Path) -> Answer {
     let loaded = mesh::read_meshes(&[path.to_path_buf()])?;
     let mesh = &loaded.mesh;
-    let textured = mesh
-        .materials()
-        .iter()
-        .filter(|material| material.texture.is_some())
-        .count();
     let mut facts = vec![
         fact("vertices", mesh.vertices().len().to_string()),
         fact("triangles", mesh.triangles().len().to_string()),
-        fact(
-            "materials",
-            format!("{}, {textured} with a texture", mesh.materials().len()),
-        ),
-        fact(
-            "texture coordinates",
-            mesh.texture_coords().is_some().to_string(),
-        ),
-        fact("vertex colours", mesh.vertex_colors().is_some().to_string()),
-        fact("bounds", box_text(mesh.bounds())),
     ];
+    facts.extend(look_facts(mesh));
+    facts.push(fact("bounds", box_text(mesh.bounds())));
     facts.extend(loaded.notes.into_iter().map(|note| fact("note", note)));
     Ok(("triangle mesh", facts))
+}
+
+/// Where a mesh's colours come from, in plain words.
+fn look_facts(mesh: &Mesh) -> Vec<Fact> {
+    let mut faces = vec![0usize; mesh.materials().len()];
+    match mesh.triangle_materials() {
+        Some(slots) => slots.iter().for_each(|&slot| faces[slot as usize] += 1),
+        None => faces[0] = mesh.triangles().len(),
+    }
+    let count = |has: fn(&Material) -> bool| {
+        let materials = mesh.materials().iter().zip(&faces);
+        let with = materials.filter(|(material, _)| has(material));
+        with.fold((0, 0), |(materials, all), (_, faces)| {
+            (materials + 1, all + faces)
+        })
+    };
+    let (textured, textured_faces) = count(|material| material.texture.is_some());
+    let (masked, masked_faces) = count(|material| material.cutout.is_some());
+    let (both, both_faces) = count(|material| material.double_sided);
+    let rest = match mesh.vertex_colors() {
+        Some(_) => "the others show vertex colors",
+        None => "the others show one color per material",
+    };
+    let total = mesh.triangles().len();
+    let mut facts = vec![
+        fact("materials", mesh.materials().len().to_string()),
+        fact(
+            "color",
+            format!(
+                "{textured_faces} of {total} triangles show a texture ({textured} materials); {rest}"
+            ),
+        ),
+        fact("textures", textures_text(mesh)),
+    ];
+    if masked > 0 {
+        let text = format!("{masked_faces} triangles ({masked} materials) are cut out by a mask");
+        facts.push(fact("masks", text));
+    }
+    if both > 0 {
+        let text = format!("{both_faces} triangles ({both} materials) have two sides");
+        facts.push(fact("double-sided", text));
+    }
+    facts
+}
+
+/// How many textures there are, their sizes and memory.
+fn textures_text(mesh: &Mesh) -> String {
+    let mut textures: Vec<&Arc<ColorImage>> = Vec::new();
+    for texture in mesh.materials().iter().filter_map(|m| m.texture.as_ref()) {
+        if !textures.iter().any(|known| Arc::ptr_eq(known, texture)) {
+            textures.push(texture);
+        }
+    }
+    let bytes: usize = textures
+        .iter()
+        .map(|texture| 3 * texture.values().len())
+        .sum();
+    let largest = textures.iter().max_by_key(|texture| texture.values().len());
+    match largest {
+        None => "none".to_owned(),
+        Some(largest) => format!(
+            "{}, the largest {}x{}, {} MiB decoded",
+            textures.len(),
+            largest.width(),
+            largest.height(),
+            bytes.div_ceil(1 << 20)
+        ),
+    }
 }
 
 fn inspect_depth(path: &Path) -> Answer {

@@ -15,6 +15,7 @@ pub mod fuse;
 pub mod generate;
 pub mod generate_all;
 pub mod inspect;
+pub mod meshes;
 mod out;
 pub mod pairs;
 pub mod render;

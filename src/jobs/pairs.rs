@@ -5,7 +5,7 @@ use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::generate::{Covisibility, PairOptions, sparse_sources};
 use crate::provenance::Run;
-use crate::render::Renderer;
+use crate::render::{BackFaces, Renderer};
 use mvs_datasets::format::pair::{self, PairEntry};
 use mvs_datasets::layout::cameras::CamerasOptions;
 use mvs_datasets::layout::mvsnet::PixelCentre;
@@ -123,7 +123,10 @@ fn exact(job: &PairsJob, context: &Context<'_>) -> Result<(Vec<View>, Vec<Vec<So
     let renderer = Renderer::new(&loaded.mesh)?;
     let surface = (&renderer, &loaded.mesh);
     let views = scene.views().to_vec();
-    let shared = Covisibility::measure(surface, &views, &job.pairs, context.progress)?;
+    let shared = {
+        let look = (&job.pairs, BackFaces::default());
+        Covisibility::measure(surface, &views, look, context.progress)?
+    };
     let sources = shared.sources(&views, job.pairs.sources);
     Ok((views, sources))
 }

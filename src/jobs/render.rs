@@ -1,17 +1,19 @@
 //! `mvs-eval render`: mesh + cameras → depth, colour and cams per view.
 
 use super::cameras::{self, CameraOptions};
+use super::meshes::{MeshOptions, read_mesh};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::parallel;
 use crate::provenance::Run;
-use crate::render::{RenderOptions, Renderer};
+use crate::render::{RenderOptions, Renderer, Rendering, Sight};
 use mvs_datasets::format::{image, pfm};
+use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
-use mvs_datasets::layout::{files, mesh};
 use mvs_datasets::scene::{DepthRange, View};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval render`.
@@ -30,8 +32,26 @@ pub struct RenderJob {
     pub camera: CameraOptions,
     /// Where the cameras put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
+    /// Render pinhole images of cameras that have a lens, instead of images through the lens.
+    pub undistort: bool,
+    /// What is written beside depth, colour and cams.
+    pub extras: BTreeSet<RenderExtra>,
+    /// How the mesh is read.
+    pub meshes: MeshOptions,
     /// How to render.
     pub render: RenderOptions,
+}
+
+/// What `render` can write beside depth, colour and cams.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RenderExtra {
+    /// `normals/`: geometric normals, camera frame.
+    Normals,
+    /// `interpolated_normals/`: normals interpolated between vertices, camera frame.
+    InterpolatedNormals,
+    /// `sight/`: what each pixel shows, as [`Sight::level`].
+    Sight,
 }
 
 /// What was rendered.
@@ -58,22 +78,35 @@ pub struct RenderedView {
     pub depth_min: Option<f32>,
     /// Largest depth in world units.
     pub depth_max: Option<f32>,
+    /// Pixels whose samples disagree.
+    pub mixed: usize,
+    /// Pixels that show the back of a triangle, which is no surface.
+    pub back_faces: usize,
+    /// Pixels to which the lens bends no ray.
+    pub without_ray: usize,
 }
 
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let options = (job.pixel_center, &job.camera);
     let mut scene = cameras::read(&job.cameras, options, job.size, context)?;
-    cameras::check_no_lens(&scene)?;
+    if job.undistort {
+        scene = cameras::without_lenses(scene)?;
+    }
     if let Some(size) = job.size {
         scene = cameras::fitted(scene, size)?;
     }
     let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
     inputs.push(&job.cameras);
     let out = OutDir::create(&job.out, Run::new("render", job, &inputs)?, context.force)?;
-    let loaded = mesh::read_meshes(&job.mesh)?;
-    for note in &loaded.notes {
-        context.warnings.add("mesh", note.clone());
+    let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
+    let bent = cameras::lens_count(&scene);
+    if bent > 0 {
+        let message = format!(
+            "{bent} views are rendered through their lens, which their cam.txt cannot hold: it has \
+             the pinhole part alone; --undistort renders pinhole images"
+        );
+        context.warnings.add("lens", message);
     }
     let renderer = Renderer::new(&loaded.mesh)?;
     let views = scene.views();
@@ -84,6 +117,7 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
         context.progress.advance(1);
         Ok(rendered)
     })?;
+    warn_of_backs(&views, context);
     for view in views.iter().filter(|view| view.depth_min.is_none()) {
         let message = format!(
             "view {} sees nothing of the mesh: its images are empty",
@@ -93,7 +127,8 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     }
     if views.iter().all(|view| view.depth_min.is_none()) {
         let problem = "expected views that see the mesh, found none that does; check that mesh and \
-                       cameras share a frame and that poses are world-to-camera";
+                       cameras share a frame, that poses are world-to-camera, and that faces are not wound \
+             the other way (--back-faces valid)";
         return Err(Error::invalid(job.cameras.display().to_string(), problem));
     }
     out.finish()?;
@@ -103,13 +138,65 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     })
 }
 
+/// Says so when triangles are mostly seen from behind.
+fn warn_of_backs(views: &[RenderedView], context: &Context<'_>) {
+    let backs: usize = views.iter().map(|view| view.back_faces).sum();
+    let fronts: f64 = views.iter().map(RenderedView::pixels_of_surface).sum();
+    if backs as f64 > fronts {
+        let message = format!(
+            "{backs} pixels show the backs of triangles and {fronts} their fronts: if the faces are \
+             wound the other way, --back-faces valid takes both sides"
+        );
+        context.warnings.add("back-faces", message);
+    }
+}
+
+impl RenderedView {
+    fn pixels_of_surface(&self) -> f64 {
+        (self.coverage * f64::from(self.width) * f64::from(self.height)).round()
+    }
+}
+
+fn write_extras(
+    rendering: &Rendering,
+    job: &RenderJob,
+    name: impl Fn(&str, &str) -> PathBuf,
+) -> Result<()> {
+    for extra in &job.extras {
+        match extra {
+            RenderExtra::Normals => {
+                files::write_atomically(&name("normals", ".pfm"), |file| {
+                    pfm::write_color(file, &rendering.normals)
+                })?;
+            }
+            RenderExtra::InterpolatedNormals => {
+                if let Some(normals) = &rendering.interpolated_normals {
+                    files::write_atomically(&name("interpolated_normals", ".pfm"), |file| {
+                        pfm::write_color(file, normals)
+                    })?;
+                }
+            }
+            RenderExtra::Sight => {
+                files::write_atomically(&name("sight", ".png"), |file| {
+                    image::write_gray_png(file, &rendering.sight.map(|sight| sight.level()))
+                })?;
+            }
+        }
+    }
+    Ok(())
+}
+
 fn render_view(
     renderer: &Renderer,
     view: &View,
     job: &RenderJob,
     out: &OutDir,
 ) -> Result<RenderedView> {
-    let rendering = renderer.render(view, &job.render)?;
+    let options = RenderOptions {
+        interpolated_normals: job.extras.contains(&RenderExtra::InterpolatedNormals),
+        ..job.render.clone()
+    };
+    let rendering = renderer.render(view, &options)?;
     let name = |folder: &str, suffix: &str| {
         out.file(Path::new(folder).join(mvsnet::file_name(view.id, suffix)))
     };
@@ -119,6 +206,7 @@ fn render_view(
     files::write_atomically(&name("color", ".png"), |file| {
         image::write_png(file, &rendering.color)
     })?;
+    write_extras(&rendering, job, name)?;
     let valid = || {
         rendering
             .depth
@@ -149,6 +237,9 @@ fn render_view(
         coverage,
         depth_min,
         depth_max,
+        mixed: rendering.count(Sight::Mixed),
+        back_faces: rendering.count(Sight::BackFace),
+        without_ray: rendering.count(Sight::NoRay),
     })
 }
 

@@ -2,12 +2,14 @@
 
 use super::surface::Frame;
 use glam::{DMat3, DVec2, DVec3};
+use mvs_datasets::scene::Distortion;
 
 /// A view whose pixels are cut into `side` × `side` samples, numbered in one grid.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Eye<'m> {
     pub(crate) frame: Frame<'m>,
     side: u32,
+    bent: bool,
     /// Of the grid: pixels times `side`.
     pub(crate) focal: DVec2,
     pub(crate) principal: DVec2,
@@ -21,6 +23,7 @@ impl<'m> Eye<'m> {
         Self {
             frame,
             side,
+            bent: camera.distortion() != Distortion::None,
             focal: camera.focal() * f64::from(side),
             principal: camera.center() * f64::from(side),
             rotation: frame.rotation(),
@@ -33,9 +36,18 @@ impl<'m> Eye<'m> {
         self.side
     }
 
-    /// The direction in which a sample looks, in the camera frame at depth 1.
+    /// Whether a lens bends the rays.
+    pub(crate) fn is_bent(&self) -> bool {
+        self.bent
+    }
+
+    /// The direction in which a sample looks, in the camera frame at depth 1; NaN where a lens has
+    /// none.
     pub(crate) fn direction(&self, column: usize, row: usize) -> DVec3 {
         let sample = DVec2::new(column as f64, row as f64) + 0.5;
+        if self.bent {
+            return self.frame.camera().ray(sample / f64::from(self.side));
+        }
         ((sample - self.principal) / self.focal).extend(1.0)
     }
 }

@@ -2,8 +2,10 @@
 //!
 //! What is visible at an image position is decided by an exact test in f64 (`triangle`): the
 //! nearest triangle, and of two equally near the one with the lower index. Both sides of a triangle
-//! are surface. Depth and normals belong to the pixel's centre and are never averaged; colour is the
-//! mean of a regular grid of samples, each with its own visibility.
+//! hide what is behind them; the back is surface only where the material is double-sided or
+//! [`BackFaces::Valid`] is asked for. Cut-out parts are not there. Depth and normals belong to the
+//! pixel's centre and are never averaged; colour is the mean of a regular grid of samples, each with
+//! its own visibility. A camera's lens is gone through by exact inversion, sample by sample.
 
 mod bvh;
 mod cluster;
@@ -11,6 +13,8 @@ mod clusters;
 mod eye;
 mod lanes;
 mod lens;
+mod light;
+mod look;
 mod maps;
 mod near;
 pub mod oracle;
@@ -18,6 +22,7 @@ mod picture;
 mod raster;
 mod rays;
 mod scan;
+mod sight;
 mod surface;
 mod texture;
 mod tile;
@@ -26,11 +31,15 @@ mod triangle;
 
 use crate::error::{Error, Result};
 use crate::parallel;
+pub use sight::{BackFaces, MIXED_JUMP, Sight};
+
 use clusters::Clusters;
 use glam::{DVec3, Vec3};
-use mvs_datasets::scene::{ColorImage, DepthMap, Distortion, Mesh, NormalMap, View};
+use look::Scenery;
+use mvs_datasets::scene::{ColorImage, DepthMap, Distortion, Mesh, NormalMap, Raster, View};
 use rays::Probe;
 use serde::{Deserialize, Serialize};
+use std::sync::OnceLock;
 use surface::{Facet, Frame};
 use triangle::Crossing;
 
@@ -45,6 +54,10 @@ pub struct RenderOptions {
     pub samples: u32,
     /// Colour where the ray meets no surface, 8-bit sRGB.
     pub background: [u8; 3],
+    /// What the backs of triangles are.
+    pub back_faces: BackFaces,
+    /// Whether [`Rendering::interpolated_normals`] are made.
+    pub interpolated_normals: bool,
 }
 
 impl Default for RenderOptions {
@@ -52,6 +65,8 @@ impl Default for RenderOptions {
         Self {
             samples: 16,
             background: [0; 3],
+            back_faces: BackFaces::Invalid,
+            interpolated_normals: false,
         }
     }
 }
@@ -80,6 +95,19 @@ pub struct Rendering {
     pub depth: DepthMap,
     /// Geometric normals, camera frame, facing the camera.
     pub normals: NormalMap,
+    /// Normals interpolated between vertices, each the area-weighted mean of its triangles; camera
+    /// frame, facing the camera. Made only when asked for.
+    pub interpolated_normals: Option<NormalMap>,
+    /// What each pixel shows.
+    pub sight: Raster<Sight>,
+}
+
+impl Rendering {
+    /// How many pixels show this.
+    pub fn count(&self, sight: Sight) -> usize {
+        let all = self.sight.values().iter();
+        all.filter(|&&found| found == sight).count()
+    }
 }
 
 /// Where a ray meets the surface first.
@@ -154,6 +182,8 @@ pub struct Renderer<'m> {
     center: DVec3,
     radius: f64,
     clusters: Clusters,
+    /// Worked out when first wanted.
+    vertex_normals: OnceLock<Vec<Vec3>>,
 }
 
 impl<'m> Renderer<'m> {
@@ -169,19 +199,39 @@ impl<'m> Renderer<'m> {
             center: bounds.center(),
             radius: 0.5 * bounds.size().length(),
             clusters: Clusters::new(mesh, bounds.center()),
+            vertex_normals: OnceLock::new(),
         })
+    }
+
+    fn scenery(&self) -> Scenery<'_> {
+        Scenery {
+            clusters: &self.clusters,
+            radius: self.radius,
+        }
     }
 
     /// Renders `view`.
     pub fn render(&self, view: &View, options: &RenderOptions) -> Result<Rendering> {
         let side = options.grid()?;
-        let frame = Frame::new(self.mesh, self.center, view);
-        picture::render(&self.clusters, &frame, (side, options))
+        let normals = options.interpolated_normals.then(|| {
+            let all = self
+                .vertex_normals
+                .get_or_init(|| surface::vertex_normals(self.mesh));
+            all.as_slice()
+        });
+        let frame = Frame::new(self.mesh, self.center, view)
+            .with_back_faces(options.back_faces)
+            .with_vertex_normals(normals);
+        picture::render(self.scenery(), &frame, (side, options))
     }
 
     /// The first hit of the ray from `origin` (world) along `direction`, with distance in
-    /// (`range.0`, `range.1`).
+    /// (`range.0`, `range.1`), on either side of a triangle. A direction that is not finite meets
+    /// nothing.
     pub fn first_hit(&self, origin: DVec3, direction: DVec3, range: (f64, f64)) -> Option<Hit> {
+        if !direction.is_finite() {
+            return None;
+        }
         let probe = Probe::new(origin - self.center, direction);
         let cross = |triangle| {
             let corners = self
@@ -189,7 +239,11 @@ impl<'m> Renderer<'m> {
                 .corners(triangle)
                 .map(|corner| corner - self.center);
             let crossing = probe.ray().cross(corners);
-            crossing.filter(|c| range.0 < c.distance && c.distance < range.1)
+            crossing.filter(|c| {
+                range.0 < c.distance
+                    && c.distance < range.1
+                    && surface::is_solid(self.mesh, triangle, c.weights)
+            })
         };
         let visible = probe.nearest(&self.clusters, (self.radius, range.1), cross);
         visible.map(Hit::from)
@@ -214,7 +268,7 @@ impl<'m> Renderer<'m> {
 
     /// What the centre of each pixel of `view` sees, row by row, into `pixels`: exact depth, normal
     /// and place on the triangle, to the bits that [`Self::render`] gives, without its colours. The
-    /// camera must have no lens distortion.
+    /// camera must have no lens distortion. Both sides of triangles are seen, cut-out parts too.
     pub fn see(&self, view: &View, pixels: &mut Vec<Seen>) -> Result<()> {
         if view.camera.distortion() != Distortion::None {
             let problem = "expected a camera without lens distortion for maps of visibility";
@@ -225,10 +279,19 @@ impl<'m> Renderer<'m> {
         Ok(())
     }
 
+    /// Whether `hit`, seen along `direction` (world), is the back of a triangle that is no surface
+    /// there.
+    pub fn is_hollow(&self, hit: &Hit, direction: DVec3, back_faces: BackFaces) -> bool {
+        let [a, b, c] = self.mesh.corners(hit.triangle);
+        back_faces == BackFaces::Invalid
+            && !self.mesh.material_of(hit.triangle).double_sided
+            && (b - a).cross(c - a).dot(direction) > 0.0
+    }
+
     /// How many pixels of `view` see the surface: what visibility alone costs.
     pub fn visible_count(&self, view: &View) -> usize {
         let frame = Frame::new(self.mesh, self.center, view);
-        picture::visible_count(&self.clusters, &frame)
+        picture::visible_count(self.scenery(), &frame)
     }
 
     /// Bytes that the prepared mesh holds, beside the mesh itself.
@@ -237,48 +300,34 @@ impl<'m> Renderer<'m> {
     }
 }
 
-/// What a rendering has at one pixel.
+/// What a rendering has at one pixel, but for its colour.
 #[derive(Debug, Clone, Copy)]
 struct Pixel {
-    color: [u8; 3],
     depth: f32,
     normal: [f32; 3],
+    interpolated: [f32; 3],
+    sight: Sight,
 }
 
 impl Pixel {
-    fn empty(options: &RenderOptions) -> Self {
+    fn without_surface(sight: Sight) -> Self {
         Self {
-            color: options.background,
             depth: 0.0,
             normal: [0.0; 3],
+            interpolated: [0.0; 3],
+            sight,
         }
     }
 
     /// A pixel whose centre, along `direction`, sees `facet` at `distance`.
-    fn new(facet: &Facet, distance: f64, direction: DVec3, color: [u8; 3]) -> Self {
+    fn new(facet: &Facet, distance: f64, direction: DVec3) -> Self {
+        let normal = facet.facing_normal(direction).as_vec3().into();
         #[allow(clippy::cast_possible_truncation, reason = "depth maps are f32")]
         Self {
-            color,
             depth: distance as f32,
-            normal: facet.facing_normal(direction).as_vec3().into(),
+            normal,
+            interpolated: normal,
+            sight: Sight::Surface,
         }
     }
-}
-
-/// The mean colour of the samples that meet the surface; `at_center`'s if none does.
-fn mean_color(samples: impl Iterator<Item = Vec3>, at_center: impl FnOnce() -> Vec3) -> [u8; 3] {
-    let (sum, count) = samples.fold((Vec3::ZERO, 0.0), |(sum, count), color| {
-        (sum + color, count + 1.0)
-    });
-    let mean = if count > 0.0 {
-        sum / count
-    } else {
-        at_center()
-    };
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a mean of 8-bit values"
-    )]
-    mean.to_array().map(|value| (value + 0.5) as u8)
 }

@@ -3,13 +3,15 @@
 
 use super::bvh::Bvh;
 use super::eye::Eye;
-use super::surface::Frame;
+use super::picture::Maps;
+use super::sight::{Samples, Sight};
+use super::surface::{self, Frame};
 use super::triangle::{Crossing, Ray};
-use super::{Hit, Pixel, RenderOptions, Rendering, Visible, mean_color};
+use super::{Hit, Pixel, RenderOptions, Rendering, Visible};
 use crate::error::Result;
 use crate::parallel;
 use glam::DVec3;
-use mvs_datasets::scene::{Aabb, DepthMap, Mesh, Raster, View};
+use mvs_datasets::scene::{Aabb, Mesh, View};
 
 /// Rounding of coordinates, relative to the largest of them, that boxes are enlarged by.
 const ROUNDING: f64 = 1e-13;
@@ -42,16 +44,32 @@ impl<'m> Oracle<'m> {
     pub fn render(&self, view: &View, options: &RenderOptions) -> Result<Rendering> {
         let side = options.grid()?;
         let (width, height) = (view.camera.width(), view.camera.height());
-        let frame = Frame::new(self.mesh, self.center, view);
+        let normals = options
+            .interpolated_normals
+            .then(|| surface::vertex_normals(self.mesh));
+        let frame = Frame::new(self.mesh, self.center, view)
+            .with_back_faces(options.back_faces)
+            .with_vertex_normals(normals.as_deref());
         let rows = parallel::map(height as usize, |row| {
-            let pixel = |column| self.pixel((&frame, view), (column, row), (side, options));
+            let pixel = |column| self.pixel((&frame, view), (column, row), side);
             (0..width as usize).map(pixel).collect::<Vec<_>>()
         });
-        assembled((width, height), rows.into_iter().flatten())
+        let count = width as usize * height as usize;
+        let mut maps = Maps::empty((width as usize, count), options);
+        for (index, (pixel, painted)) in rows.into_iter().flatten().enumerate() {
+            maps.set(index, &pixel);
+            if let Some(painted) = painted {
+                maps.paint(index, painted);
+            }
+        }
+        maps.finish((width, height))
     }
 
     /// As [`super::Renderer::first_hit`].
     pub fn first_hit(&self, origin: DVec3, direction: DVec3, range: (f64, f64)) -> Option<Hit> {
+        if !direction.is_finite() {
+            return None;
+        }
         let origin = origin - self.center;
         let ray = Ray::new(origin, direction);
         let cross = |triangle| {
@@ -61,38 +79,57 @@ impl<'m> Oracle<'m> {
                 .map(|corner| corner - self.center);
             ray.cross(corners)
                 .filter(|c| range.0 < c.distance && c.distance < range.1)
+                .filter(|c| surface::is_solid(self.mesh, triangle, c.weights))
         };
         self.nearest((origin, direction), range.1, cross)
             .map(Hit::from)
     }
 
+    /// A pixel, and its colour if it shows surface.
     fn pixel(
         &self,
         (frame, view): (&Frame<'_>, &View),
         (column, row): (usize, usize),
-        (side, options): (u32, &RenderOptions),
-    ) -> Pixel {
+        side: u32,
+    ) -> (Pixel, Option<([u8; 3], Sight)>) {
         let look = |side: u32, column: usize, row: usize| {
             let direction = Eye::new(*frame, side).direction(column, row);
+            if !direction.is_finite() {
+                return (direction, None);
+            }
             let origin = view.pose.direction_to_world(-frame.center_in_cam());
             let ray = (origin, view.pose.direction_to_world(direction));
-            let cross = |triangle| frame.cross(triangle, direction);
+            let cross = |triangle| {
+                let crossing = frame.cross(triangle, direction);
+                crossing.filter(|c| frame.is_solid(triangle, c.weights))
+            };
             (direction, self.nearest(ray, f64::INFINITY, cross))
         };
         let (direction, center) = look(1, column, row);
         let Some(center) = center else {
-            return Pixel::empty(options);
+            let sight = match direction.is_finite() {
+                true => Sight::Nothing,
+                false => Sight::NoRay,
+            };
+            return (Pixel::without_surface(sight), None);
         };
+        let facet = frame.facet(center.triangle);
+        if facet.is_hollow(direction) {
+            return (Pixel::without_surface(Sight::BackFace), None);
+        }
+        let mut pixel = Pixel::new(&facet, center.crossing.distance, direction);
+        let (of, weights) = ((center.triangle, &facet), center.crossing.weights);
+        let normal = frame.interpolated_normal(of, weights, direction);
+        pixel.interpolated = normal.as_vec3().into();
         let count = side as usize;
-        let samples = (0..count * count).filter_map(|index| {
+        let mut samples = Samples::new(f64::from(pixel.depth));
+        for index in 0..count * count {
             let (right, down) = (index % count, index / count);
             let (direction, seen) = look(side, column * count + right, row * count + down);
-            Some(frame.patch(seen?.triangle).color(direction))
-        });
-        let at_center = || frame.patch(center.triangle).color(direction);
-        let color = mean_color(samples, at_center);
-        let facet = frame.facet(center.triangle);
-        Pixel::new(&facet, center.crossing.distance, direction, color)
+            samples.add(seen.map(|seen| frame.patch(seen.triangle).glimpse(direction)));
+        }
+        let painted = samples.finish(|| frame.patch(center.triangle).glimpse(direction).color);
+        (pixel, Some(painted))
     }
 
     fn nearest(
@@ -114,25 +151,4 @@ impl<'m> Oracle<'m> {
             });
         best
     }
-}
-
-/// A rendering from its pixels, row by row.
-fn assembled(
-    (width, height): (u32, u32),
-    pixels: impl Iterator<Item = Pixel>,
-) -> Result<Rendering> {
-    let count = width as usize * height as usize;
-    let mut color = Vec::with_capacity(count);
-    let mut depth = Vec::with_capacity(count);
-    let mut normals = Vec::with_capacity(count);
-    for pixel in pixels {
-        color.push(pixel.color);
-        depth.push(pixel.depth);
-        normals.push(pixel.normal);
-    }
-    Ok(Rendering {
-        color: Raster::from_values(width, height, color)?,
-        depth: DepthMap::from_values(width, height, depth)?.0,
-        normals: Raster::from_values(width, height, normals)?,
-    })
 }

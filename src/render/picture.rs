@@ -1,27 +1,26 @@
 //! A view tile by tile: what is visible, then its exact depth, normal and colour.
 
-use super::clusters::Clusters;
 use super::eye::Eye;
 use super::lens::Place;
-use super::scan::scan;
+use super::look::{Look, Scenery, spots};
+use super::sight::{Samples, Sight};
 use super::surface::{Facet, Frame, Patch};
-use super::tile::{SIZE, Spot, Tile};
-use super::{Pixel, RenderOptions, Rendering, mean_color};
+use super::tile::{SIZE, Spot};
+use super::{Pixel, RenderOptions, Rendering};
 use crate::error::Result;
 use crate::parallel;
-use glam::{DVec3, Vec3};
 use mvs_datasets::scene::{DepthMap, Raster};
 
 /// Renders a view with `side` × `side` colour samples per pixel.
 pub(crate) fn render(
-    clusters: &Clusters,
+    scenery: Scenery<'_>,
     frame: &Frame<'_>,
     (side, options): (u32, &RenderOptions),
 ) -> Result<Rendering> {
     let camera = frame.camera();
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     let painter = Painter {
-        clusters,
+        scenery,
         pixels: Eye::new(*frame, 1),
         samples: Eye::new(*frame, side),
         options,
@@ -33,61 +32,88 @@ pub(crate) fn render(
         let size = (SIZE.min(width - column), SIZE.min(height - row));
         painter.paint((column, row), size)
     });
-    let mut whole = Maps::empty(width * height, options);
+    let mut whole = Maps::empty((width, width * height), options);
     for (index, tile) in tiles.iter().enumerate() {
         if let Some(tile) = tile {
-            whole.put(tile, corner(index), width);
+            whole.put(tile, corner(index));
         }
     }
     whole.finish((camera.width(), camera.height()))
 }
 
 /// The columns of a rendering, or of a tile of it.
-struct Maps {
+pub(crate) struct Maps {
     width: usize,
     color: Vec<[u8; 3]>,
     depth: Vec<f32>,
     normals: Vec<[f32; 3]>,
+    /// Empty where not wanted.
+    interpolated: Vec<[f32; 3]>,
+    sight: Vec<Sight>,
 }
 
 impl Maps {
-    fn empty(count: usize, options: &RenderOptions) -> Self {
+    /// Maps of `count` pixels, `width` in a row, that see nothing.
+    pub(crate) fn empty((width, count): (usize, usize), options: &RenderOptions) -> Self {
         Self {
-            width: 0,
+            width,
             color: vec![options.background; count],
             depth: vec![0.0; count],
             normals: vec![[0.0; 3]; count],
+            interpolated: match options.interpolated_normals {
+                true => vec![[0.0; 3]; count],
+                false => Vec::new(),
+            },
+            sight: vec![Sight::Nothing; count],
         }
     }
 
     /// Copies a tile to where its first pixel is (`column`, `row`).
-    fn put(&mut self, tile: &Self, (column, row): (usize, usize), width: usize) {
+    fn put(&mut self, tile: &Self, (column, row): (usize, usize)) {
         for (index, from) in (0..tile.depth.len()).step_by(tile.width).enumerate() {
-            let to = (row + index) * width + column;
+            let to = (row + index) * self.width + column;
             let (from, to) = (from..from + tile.width, to..to + tile.width);
             self.color[to.clone()].copy_from_slice(&tile.color[from.clone()]);
             self.depth[to.clone()].copy_from_slice(&tile.depth[from.clone()]);
-            self.normals[to].copy_from_slice(&tile.normals[from]);
+            self.normals[to.clone()].copy_from_slice(&tile.normals[from.clone()]);
+            if !self.interpolated.is_empty() {
+                self.interpolated[to.clone()].copy_from_slice(&tile.interpolated[from.clone()]);
+            }
+            self.sight[to].copy_from_slice(&tile.sight[from]);
         }
     }
 
-    fn set(&mut self, index: usize, pixel: &Pixel) {
-        self.color[index] = pixel.color;
+    /// Sets everything but the colour.
+    pub(crate) fn set(&mut self, index: usize, pixel: &Pixel) {
         self.depth[index] = pixel.depth;
         self.normals[index] = pixel.normal;
+        if let Some(interpolated) = self.interpolated.get_mut(index) {
+            *interpolated = pixel.interpolated;
+        }
+        self.sight[index] = pixel.sight;
     }
 
-    fn finish(self, (width, height): (u32, u32)) -> Result<Rendering> {
+    /// Sets the colour, and whether the samples agree.
+    pub(crate) fn paint(&mut self, index: usize, (color, sight): ([u8; 3], Sight)) {
+        self.color[index] = color;
+        self.sight[index] = sight;
+    }
+
+    pub(crate) fn finish(self, (width, height): (u32, u32)) -> Result<Rendering> {
+        let wanted = !self.interpolated.is_empty();
+        let interpolated = wanted.then(|| Raster::from_values(width, height, self.interpolated));
         Ok(Rendering {
             color: Raster::from_values(width, height, self.color)?,
             depth: DepthMap::from_values(width, height, self.depth)?.0,
             normals: Raster::from_values(width, height, self.normals)?,
+            interpolated_normals: interpolated.transpose()?,
+            sight: Raster::from_values(width, height, self.sight)?,
         })
     }
 }
 
-/// How many pixels of a view see the surface.
-pub(crate) fn visible_count(clusters: &Clusters, frame: &Frame<'_>) -> usize {
+/// How many pixels of a view see the surface, its backs included.
+pub(crate) fn visible_count(scenery: Scenery<'_>, frame: &Frame<'_>) -> usize {
     let camera = frame.camera();
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     let eye = Eye::new(*frame, 1);
@@ -99,24 +125,28 @@ pub(crate) fn visible_count(clusters: &Clusters, frame: &Frame<'_>) -> usize {
             column,
             row,
         };
-        let tile = scan(
-            clusters,
-            &place,
-            (SIZE.min(width - column), SIZE.min(height - row)),
-        );
-        tile.count()
+        let size = (SIZE.min(width - column), SIZE.min(height - row));
+        let look = Look::new(scenery, place, size);
+        look.count()
     });
     counts.into_iter().sum()
 }
 
 /// What all tiles of a view share.
 struct Painter<'p> {
-    clusters: &'p Clusters,
+    scenery: Scenery<'p>,
     /// The grid of pixel centres.
     pixels: Eye<'p>,
     /// The grid of colour samples.
     samples: Eye<'p>,
     options: &'p RenderOptions,
+}
+
+/// What the pixel centres of a tile see, and where the tile is.
+struct Centers<'p> {
+    look: Look<'p>,
+    column: usize,
+    row: usize,
 }
 
 impl<'p> Painter<'p> {
@@ -131,145 +161,132 @@ impl<'p> Painter<'p> {
             column,
             row,
         };
-        let tile = scan(self.clusters, &place, (width, height));
-        if tile.is_blank() {
+        let look = Look::new(self.scenery, place, (width, height));
+        if look.is_blank((width, height)) {
             return None;
         }
-        let mut maps = Maps::empty(width * height, self.options);
-        maps.width = width;
+        let mut maps = Maps::empty((width, width * height), self.options);
         let mut facets = Kept::new();
-        for row in 0..height {
-            for column in 0..width {
-                let spot = Spot { column, row };
-                if let Some(triangle) = tile.triangle(spot) {
-                    let pixel = resolve((&place, &tile), (spot, triangle), &mut facets);
-                    maps.set(row * width + column, &pixel);
-                }
-            }
+        for spot in spots(width, height) {
+            let pixel = resolve(&look, (spot, &self.pixels.frame), &mut facets);
+            maps.set(spot.row * width + spot.column, &pixel);
         }
+        let centers = Centers { look, column, row };
         let side = self.samples.side() as usize;
         let step = SIZE / side; // Whole pixels whose samples fit into one tile.
         for top in (0..height).step_by(step) {
             for left in (0..width).step_by(step) {
                 let size = (step.min(width - left), step.min(height - top));
-                self.color(
-                    (&place, &tile),
-                    Spot {
-                        column: left,
-                        row: top,
-                    },
-                    (size, width),
-                    &mut maps.color,
-                );
+                let corner = Spot {
+                    column: left,
+                    row: top,
+                };
+                self.color(&centers, (corner, size), &mut maps);
             }
         }
         Some(maps)
     }
 
-    /// Gives the pixels of a part of a tile, `size` pixels from `corner` on, their colours.
+    /// Gives the pixels of a part of a tile, `width` × `height` pixels from `corner` on, their
+    /// colours.
     fn color(
         &self,
-        (place, centers): (&Place<'_>, &Tile),
-        corner: Spot,
-        ((width, height), stride): ((usize, usize), usize),
-        colors: &mut [[u8; 3]],
+        centers: &Centers<'p>,
+        (corner, (width, height)): (Spot, (usize, usize)),
+        maps: &mut Maps,
     ) {
-        let spots = || {
-            (0..width * height).map(|index| Spot {
-                column: corner.column + index % width,
-                row: corner.row + index / width,
-            })
+        let place_of = |spot: Spot| Spot {
+            column: corner.column + spot.column,
+            row: corner.row + spot.row,
         };
-        if !spots().any(|spot| centers.triangle(spot).is_some()) {
+        let stride = maps.width;
+        let index_of = |spot: Spot| place_of(spot).row * stride + place_of(spot).column;
+        let is_surface = |maps: &Maps, spot: Spot| maps.sight[index_of(spot)] == Sight::Surface;
+        if !spots(width, height).any(|spot| is_surface(maps, spot)) {
             return;
         }
         let side = self.samples.side() as usize;
         let first = Place {
             eye: &self.samples,
-            column: (place.column + corner.column) * side,
-            row: (place.row + corner.row) * side,
+            column: (centers.column + corner.column) * side,
+            row: (centers.row + corner.row) * side,
         };
-        let fine = (side > 1).then(|| scan(self.clusters, &first, (width * side, height * side)));
+        let fine =
+            (side > 1).then(|| Look::new(self.scenery, first, (width * side, height * side)));
         let mut patches = Kept::new();
-        for spot in spots() {
-            let Some(center) = centers.triangle(spot) else {
+        for spot in spots(width, height) {
+            if !is_surface(maps, spot) {
                 continue;
+            }
+            let index = index_of(spot);
+            let at = place_of(spot);
+            let center = (&centers.look, at);
+            let samples = Samples::new(f64::from(maps.depth[index]));
+            let painted = match &fine {
+                None => self.mean((&centers.look, at), (samples, center), &mut patches),
+                Some(fine) => {
+                    let corner = Spot {
+                        column: spot.column * side,
+                        row: spot.row * side,
+                    };
+                    self.mean((fine, corner), (samples, center), &mut patches)
+                }
             };
-            let (column, row) = (spot.column - corner.column, spot.row - corner.row);
-            let at_center = self
-                .pixels
-                .direction(place.column + spot.column, place.row + spot.row);
-            let color = match &fine {
-                None => mean_color(
-                    std::iter::once(self.shade(&mut patches, center, at_center)),
-                    || Vec3::ZERO,
-                ),
-                Some(fine) => self.mean(
-                    (&first, fine),
-                    (column, row),
-                    (center, at_center),
-                    &mut patches,
-                ),
-            };
-            colors[spot.row * stride + spot.column] = color;
+            maps.paint(index, painted);
         }
     }
 
-    fn shade(&self, patches: &mut Kept<Patch<'p>>, triangle: u32, direction: DVec3) -> Vec3 {
-        let make = || self.samples.frame.patch(triangle as usize);
-        patches.get(triangle, make).color(direction)
-    }
-
-    /// The mean colour of a pixel's samples.
+    /// The colour of a pixel whose first sample is at `corner`.
     fn mean(
         &self,
-        (first, fine): (&Place<'_>, &Tile),
-        (column, row): (usize, usize),
-        (center, at_center): (u32, DVec3),
+        (look, corner): (&Look<'p>, Spot),
+        (mut samples, center): (Samples, (&Look<'p>, Spot)),
         patches: &mut Kept<Patch<'p>>,
-    ) -> [u8; 3] {
+    ) -> ([u8; 3], Sight) {
+        let frame = &self.samples.frame;
+        let mut glimpse = |look: &Look<'p>, spot: Spot| {
+            let triangle = look.triangle(spot)?;
+            let patch = patches.get(triangle, || frame.patch(triangle as usize));
+            Some(patch.glimpse(look.direction(spot)))
+        };
         let side = self.samples.side() as usize;
-        let mut sum = Vec3::ZERO;
-        let mut count = 0.0;
-        for index in 0..side * side {
+        for inside in spots(side, side) {
             let spot = Spot {
-                column: column * side + index % side,
-                row: row * side + index / side,
+                column: corner.column + inside.column,
+                row: corner.row + inside.row,
             };
-            if let Some(triangle) = fine.triangle(spot) {
-                let direction = self
-                    .samples
-                    .direction(first.column + spot.column, first.row + spot.row);
-                sum += self.shade(patches, triangle, direction);
-                count += 1.0;
-            }
+            samples.add(glimpse(look, spot));
         }
-        if count == 0.0 {
-            return mean_color(std::iter::empty(), || {
-                self.shade(patches, center, at_center)
-            });
-        }
-        mean_color(std::iter::once(sum / count), || Vec3::ZERO)
+        samples.finish(|| glimpse(center.0, center.1).map_or_else(Default::default, |g| g.color))
     }
 }
 
-/// Depth and normal at a pixel's centre.
-fn resolve(
-    (place, tile): (&Place<'_>, &Tile),
-    (spot, triangle): (Spot, u32),
-    facets: &mut Kept<Facet>,
-) -> Pixel {
-    let direction = place
-        .eye
-        .direction(place.column + spot.column, place.row + spot.row);
-    let facet = facets.get(triangle, || place.eye.frame.facet(triangle as usize));
+/// Everything but the colour at a pixel's centre.
+fn resolve(look: &Look<'_>, (spot, frame): (Spot, &Frame<'_>), facets: &mut Kept<Facet>) -> Pixel {
+    let Some(triangle) = look.triangle(spot) else {
+        return Pixel::without_surface(match look.has_ray(spot) {
+            true => Sight::Nothing,
+            false => Sight::NoRay,
+        });
+    };
+    let direction = look.direction(spot);
+    let facet = facets.get(triangle, || frame.facet(triangle as usize));
+    if facet.is_hollow(direction) {
+        return Pixel::without_surface(Sight::BackFace);
+    }
     let crossing = facet.cross(direction);
     debug_assert!(crossing.is_some(), "the fast path saw what is not there");
-    let distance = match crossing {
-        Some(crossing) => crossing.distance,
-        None => f64::from(tile.nearness(spot)).recip(),
+    let (distance, weights) = match crossing {
+        Some(crossing) => (crossing.distance, crossing.weights),
+        None => (f64::from(look.nearness(spot)).recip(), [0.0; 2]),
     };
-    Pixel::new(facet, distance, direction, [0; 3])
+    let mut pixel = Pixel::new(facet, distance, direction);
+    if frame.has_vertex_normals() {
+        let of = (triangle as usize, facet);
+        let normal = frame.interpolated_normal(of, weights, direction);
+        pixel.interpolated = normal.as_vec3().into();
+    }
+    pixel
 }
 
 /// What has been worked out about triangles, each once while it is in use.

@@ -1,7 +1,7 @@
 //! Bilinear texture lookup.
 
 use glam::{Vec2, Vec3};
-use mvs_datasets::scene::{ColorImage, Corner};
+use mvs_datasets::scene::{ColorImage, Corner, Raster};
 
 /// What lies beyond the border of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,13 +41,41 @@ impl Border {
 /// The colour at texture coordinates with (0, 0) at the bottom-left outer corner, as 8-bit sRGB
 /// values that are interpolated as they are.
 pub(crate) fn bilinear(texture: &ColorImage, coord: Vec2, border: Border) -> Vec3 {
-    let (width, height) = texture.size();
-    let (left, right, across) = neighbours(coord.x, width, border);
-    let (top, bottom, down) = neighbours(1.0 - coord.y, height, border);
+    let around = Around::new(texture.size(), coord, border);
     let texel = |column, row| Vec3::from(texture.get(column, row).map(f32::from));
-    let upper = texel(left, top).lerp(texel(right, top), across);
-    let lower = texel(left, bottom).lerp(texel(right, bottom), across);
-    upper.lerp(lower, down)
+    around.mix(texel, Vec3::lerp)
+}
+
+/// The value of a one-channel texture, as [`bilinear`].
+pub(crate) fn bilinear_gray(texture: &Raster<u8>, coord: Vec2, border: Border) -> f32 {
+    let around = Around::new(texture.size(), coord, border);
+    let texel = |column, row| f32::from(texture.get(column, row));
+    around.mix(texel, |a, b, part| a + (b - a) * part)
+}
+
+/// The four texels around a point and how much of each counts.
+struct Around {
+    columns: (u32, u32, f32),
+    rows: (u32, u32, f32),
+}
+
+impl Around {
+    #[inline]
+    fn new((width, height): (u32, u32), coord: Vec2, border: Border) -> Self {
+        Self {
+            columns: neighbours(coord.x, width, border),
+            rows: neighbours(1.0 - coord.y, height, border),
+        }
+    }
+
+    #[inline]
+    fn mix<T>(&self, texel: impl Fn(u32, u32) -> T, lerp: impl Fn(T, T, f32) -> T) -> T {
+        let (left, right, across) = self.columns;
+        let (top, bottom, down) = self.rows;
+        let upper = lerp(texel(left, top), texel(right, top), across);
+        let lower = lerp(texel(left, bottom), texel(right, bottom), across);
+        lerp(upper, lower, down)
+    }
 }
 
 #[inline]

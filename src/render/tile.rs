@@ -1,5 +1,6 @@
 //! A square of samples with what is nearest at each, and how far the farthest of each block is.
 
+use super::Visible;
 use super::lanes::{LANES, Lanes};
 
 /// Samples along each side.
@@ -82,6 +83,20 @@ impl Tile {
     pub(crate) fn count(&self) -> usize {
         let seen = |triangle: &&u32| **triangle != NONE;
         self.triangles.iter().filter(seen).count()
+    }
+
+    /// Makes visible at a sample what a ray has found there, whatever was there before.
+    pub(crate) fn put(&mut self, spot: Spot, seen: Option<Visible>) {
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "meshes have fewer than 2^32 triangles; nearness is f32"
+        )]
+        let (triangle, nearness) = seen.map_or((NONE, 0.0), |seen| {
+            let nearness = seen.crossing.distance.recip() as f32;
+            (seen.triangle as u32, nearness)
+        });
+        self.triangles[spot.index()] = triangle;
+        self.nearness[spot.index()] = nearness;
     }
 
     /// Notes that samples between two corners, both included, have changed.

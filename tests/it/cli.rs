@@ -32,7 +32,7 @@ fn write(path: &Path, content: &str) {
 
 const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 20\n0 40 15\n\
                    0 0 1\n\n1 0.01 128 3\n";
-const TRIANGLE: &str = "v -1 -1 2\nv 1 -1 2\nv 0 1 2\nf 1 2 3\n";
+const TRIANGLE: &str = "v -1 -1 2\nv 1 -1 2\nv 0 1 2\nf 1 3 2\n";
 
 /// A folder with a triangle in front of one camera of 40 x 30 pixels.
 fn small_scene() -> tempfile::TempDir {

@@ -4,7 +4,9 @@
 use crate::support::real_data;
 use glam::{DMat4, DVec2, DVec3};
 use mvs_datasets::FormatError;
-use mvs_datasets::format::{cam, colmap, crop, image, log, pair, pfm, ply, transform, transforms};
+use mvs_datasets::format::{
+    cam, colmap, crop, gltf, image, log, obj, pair, pfm, ply, transform, transforms,
+};
 use mvs_datasets::layout::mvsnet::{self, CamsOptions, PixelCentre};
 use mvs_datasets::layout::{files, tnt};
 use mvs_datasets::scene::{PointCloud, Raster, SourceScore};
@@ -267,6 +269,28 @@ fn text(bytes: &[u8]) -> Result<&str, FormatError> {
     std::str::from_utf8(bytes).map_err(|_| FormatError::new("byte 0", "expected text, found none"))
 }
 
+fn read_gltf(bytes: &[u8]) -> Result<(), FormatError> {
+    let refuse = |_: &str| Err("expected no other file, found one".to_owned());
+    gltf::read_gltf(bytes, &refuse).map(drop)
+}
+
+/// A triangle with texture coordinates, its buffer inside.
+fn triangle_gltf() -> String {
+    // Positions (0 0 0) (1 0 0) (0 1 0) and their first two numbers as texture coordinates.
+    let data = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    format!(
+        r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[0]}}],"nodes":[{{"children":[1],"scale":[1,2,1]}},{{"mesh":0,"translation":[1,2,3]}}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1}},"material":0,"mode":5}}]}}],"materials":[{{"alphaMode":"MASK","pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}}}}],"textures":[{{"source":0}}],"images":[{{"uri":"a.png"}}],"accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}},{{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}}],"bufferViews":[{{"buffer":0,"byteLength":36}},{{"buffer":0,"byteLength":36,"byteStride":12}}],"buffers":[{{"byteLength":36,"uri":"data:application/octet-stream;base64,{data}"}}]}}"#
+    )
+}
+
+fn glb(json: &str) -> Vec<u8> {
+    let mut bytes = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+    bytes.extend(u32::try_from(json.len()).unwrap().to_le_bytes());
+    bytes.extend(b"JSON");
+    bytes.extend(json.as_bytes());
+    bytes
+}
+
 /// A small valid file of every format, and its reader.
 fn samples() -> Vec<(&'static str, Vec<u8>, Reader)> {
     let cloud = PointCloud::new(vec![DVec3::ONE, DVec3::new(1.5, -2.0, 1e6), DVec3::ZERO])
@@ -304,6 +328,11 @@ fn samples() -> Vec<(&'static str, Vec<u8>, Reader)> {
             |b| ply::read_cloud(b).map(drop),
         ),
         ("mesh", mesh.into(), |b| ply::read_mesh(b).map(drop)),
+        ("obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 1\nusemtl a\nf 1/1 2/1 3/1 4/1\nf -1 -2 -3\n".to_vec(), |b| {
+            obj::read_obj(b).map(drop)
+        }),
+        ("gltf", triangle_gltf().into(), read_gltf),
+        ("glb", glb(&triangle_gltf()), read_gltf),
         ("summary", mesh.into(), |b| ply::read_summary(b).map(drop)),
         ("pfm", made(&|out| pfm::write_gray(out, &floats)), |b| {
             pfm::read(b).map(drop)

@@ -43,7 +43,7 @@ fn put_board(folder: &Path, colors: &[[[u8; 3]; 4]; 2]) {
                 obj += &format!("v {x} {y} 2\n");
             }
             // Same material names in both tiles, textures of their own; columns 2 and 3 are plain.
-            obj += &format!("usemtl m{column}\nf -4/1 -3/1 -2/1 -1/1\n");
+            obj += &format!("usemtl m{column}\nf -4/1 -1/1 -2/1 -3/1\n");
             let [r, g, b] = color.map(|level| f64::from(level) / 255.0);
             mtl += &format!("newmtl m{column}\nKd {r} {g} {b}\n");
             if column < 2 {
@@ -183,7 +183,7 @@ fn what_is_no_mesh_gets_one_sentence() {
     let path = folder.path();
     let complaint = |path: PathBuf| read_meshes(&[path]).unwrap_err().to_string();
     assert!(complaint(path.to_path_buf()).contains("found none"));
-    assert!(complaint(path.join("m.stl")).contains(".obj or .ply"));
+    assert!(complaint(path.join("m.stl")).contains(".obj, .ply, .gltf or .glb"));
     assert!(complaint(path.join("m.obj")).contains("No such file"));
     put(path, "points.obj", "v 0 0 0\nv 1 1 1\n");
     assert!(complaint(path.join("points.obj")).contains("2 vertices and no faces"));

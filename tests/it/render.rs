@@ -2,13 +2,15 @@
 
 mod closed_forms;
 mod exact;
+mod lens;
 mod looks;
+mod masks;
 mod rays;
 mod reference;
 
 use glam::{DVec2, DVec3, Vec2};
 use mvs_datasets::scene::{Camera, Corner, Mesh, Pose, View};
-use mvs_eval::render::{RenderOptions, Renderer, Rendering};
+use mvs_eval::render::{BackFaces, RenderOptions, Renderer, Rendering};
 
 fn view(pose: Pose, width: u32, height: u32) -> View {
     let focal = f64::from(width);
@@ -22,9 +24,11 @@ fn view(pose: Pose, width: u32, height: u32) -> View {
     }
 }
 
+/// One sample, both sides of triangles.
 fn draft(mesh: &Mesh, view: &View) -> Rendering {
     let options = RenderOptions {
         samples: 1,
+        back_faces: BackFaces::Valid,
         ..RenderOptions::default()
     };
     Renderer::new(mesh).unwrap().render(view, &options).unwrap()

@@ -49,6 +49,19 @@ pub fn read_gray(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
     Raster::from_values(width, height, gray.into_raw()).map_err(FormatError::at("image"))
 }
 
+/// Reads the opacity of a JPEG or PNG: its alpha channel, `None` where it has none.
+pub fn read_alpha(bytes: &[u8]) -> Result<Option<Raster<u8>>, FormatError> {
+    let image = decode(bytes)?;
+    if !image.color().has_alpha() {
+        return Ok(None);
+    }
+    let rgba = image.into_rgba8();
+    let (width, height) = rgba.dimensions();
+    let values = rgba.pixels().map(|pixel| pixel.0[3]).collect();
+    let raster = Raster::from_values(width, height, values);
+    raster.map(Some).map_err(FormatError::at("image"))
+}
+
 /// The (width, height) that a JPEG or PNG states, without decoding it.
 pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     let format = format_of(bytes)?;
@@ -226,6 +239,19 @@ mod tests {
         let mut bytes = Vec::new();
         write_mask_png(&mut bytes, &mask).unwrap();
         assert_eq!(read_gray(&bytes).unwrap().values(), [255, 0]);
+    }
+
+    #[test]
+    fn opacity_is_the_alpha_channel_where_there_is_one() {
+        let mut bytes = Vec::new();
+        PngEncoder::new(&mut bytes)
+            .write_image(&[1, 2, 3, 4, 5, 6, 7, 200], 2, 1, ExtendedColorType::Rgba8)
+            .unwrap();
+        assert_eq!(read_alpha(&bytes).unwrap().unwrap().values(), [4, 200]);
+        assert_eq!(read_color(&bytes).unwrap().values(), [[1, 2, 3], [5, 6, 7]]);
+        let opaque = jpeg(&smooth(4, 3), JpegOptions::default());
+        assert_eq!(read_alpha(&opaque).unwrap(), None);
+        assert!(read_alpha(&bytes[..20]).is_err());
     }
 
     #[test]

@@ -7,6 +7,7 @@
 pub mod cam;
 pub mod colmap;
 pub mod crop;
+pub mod gltf;
 pub mod image;
 pub mod log;
 pub mod mtl;

@@ -1,4 +1,4 @@
-//! MTL: the materials of OBJ files. Only what shows is read: `Kd` and `map_Kd`.
+//! MTL: the materials of OBJ files. Only what shows is read: `Kd`, `map_Kd` and `map_d`.
 
 use super::obj::{fields, lines, rest_of_line};
 use crate::error::FormatError;
@@ -13,6 +13,9 @@ pub struct MtlMaterial {
     pub color: Option<[u8; 3]>,
     /// `map_Kd`, if stated.
     pub texture: Option<MtlTexture>,
+    /// `map_d`, if stated: an image whose opacity says where there is surface. It lies as its own
+    /// options say.
+    pub mask: Option<MtlTexture>,
 }
 
 /// A texture image and how it lies on the surface: `image = coordinate · scale + offset`.
@@ -39,6 +42,7 @@ pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
                 name: rest_of_line(&line),
                 color: None,
                 texture: None,
+                mask: None,
             });
         }
         let Some(material) = materials.last_mut() else {
@@ -47,6 +51,7 @@ pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
         match keyword.as_slice() {
             b"kd" => material.color = read_color(&line, number)?,
             b"map_kd" => material.texture = read_texture(&rest_of_line(&line)),
+            b"map_d" => material.mask = read_texture(&rest_of_line(&line)),
             _ => {}
         }
     }
@@ -148,6 +153,8 @@ mod tests {
             ("two words", Some([255, 128, 0]))
         );
         assert_eq!(materials[0].texture.as_ref().unwrap().file, "a.png");
+        let masked = only("newmtl m\nmap_d leaf mask.png");
+        assert_eq!(masked.mask.unwrap().file, "leaf mask.png");
         assert_eq!(
             (materials[1].name.as_str(), materials[1].color),
             ("", Some([51; 3]))

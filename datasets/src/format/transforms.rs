@@ -73,6 +73,13 @@ fn wire_of(frame: &Frame) -> Result<serde_json::Value, String> {
             ];
             names.into_iter().zip(values).collect()
         }
+        Distortion::ThinPrismFisheye { .. } | Distortion::FieldOfView { .. } => {
+            return Err(format!(
+                "expected a radial, tangential or fisheye lens, found a thin-prism or field-of-view \
+                 one, which transforms.json cannot say, in {}",
+                frame.file
+            ));
+        }
     };
     for (name, coefficient) in lens {
         value[name] = coefficient.into();

@@ -87,6 +87,16 @@ impl BlendedFolder {
         self.of_view("normals", id, ".pfm")
     }
 
+    /// Interpolated normals in the camera frame, PFM.
+    pub fn interpolated_normals(&self, id: u32) -> PathBuf {
+        self.path.join(format!("interpolated_normals/{id:08}.pfm"))
+    }
+
+    /// What each pixel shows, PNG.
+    pub fn sight(&self, id: u32) -> PathBuf {
+        self.path.join(format!("sight/{id:08}.png"))
+    }
+
     /// Where depth jumps: 255 on both sides of a jump.
     pub fn depth_edges(&self, id: u32) -> PathBuf {
         self.of_view("depth_edges", id, ".png")

@@ -1,20 +1,40 @@
 //! Material libraries and textures, found the way people ship them.
 
-use super::files::{read_image, read_with};
+use super::files::read_with;
+use super::mesh::ReadOptions;
+use super::textures::{Textures, Use};
 use crate::error::Result;
 use crate::format::mtl::{MtlMaterial, read_mtl};
 use crate::format::obj::MaterialUse;
-use crate::scene::{ColorImage, Corner, Material};
+use crate::scene::{Corner, Material};
 use glam::Vec2;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-/// Textures read so far, each once, and what was odd.
+/// What the materials of meshes need from files, and what was odd about them.
 #[derive(Debug, Default)]
 pub(super) struct Library {
-    textures: BTreeMap<PathBuf, Option<Arc<ColorImage>>>,
+    textures: Textures,
     notes: Vec<String>,
+}
+
+/// A material whose textures are still to be read.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Draft {
+    pub(super) material: Material,
+    /// The number of its texture.
+    pub(super) texture: Option<usize>,
+    /// The number of the image with its opacity, and the least that is surface, in 0…1.
+    pub(super) opacity: Option<(usize, f64)>,
+}
+
+impl From<Material> for Draft {
+    fn from(material: Material) -> Self {
+        Self {
+            material,
+            ..Self::default()
+        }
+    }
 }
 
 /// The materials that one mesh file may use, by name, with the library file that states each.
@@ -48,8 +68,16 @@ impl Library {
         }
     }
 
-    pub(super) fn into_notes(self) -> Vec<String> {
-        self.notes
+    /// Reads the textures of all drafts and returns the materials, and what was odd.
+    pub(super) fn finish(
+        mut self,
+        drafts: Vec<Draft>,
+        options: &ReadOptions,
+    ) -> Result<(Vec<Material>, Vec<String>)> {
+        let images = self.textures.read(options, &mut self.notes)?;
+        let finished = drafts.into_iter().map(|draft| images.finish(draft));
+        let materials = finished.collect();
+        Ok((materials, self.notes))
     }
 
     /// The materials in the libraries that `mesh` names. One that is missing is noted when
@@ -84,11 +112,11 @@ impl Library {
         mesh: &Path,
         known: &KnownMaterials,
         used: &MaterialUse,
-    ) -> (Material, Placement) {
-        let mut material = Material {
+    ) -> (Draft, Placement) {
+        let mut draft = Draft::from(Material {
             name: used.name.clone(),
             ..Material::default()
-        };
+        });
         let mut placement = Placement::IDENTITY;
         let Some((stated, library)) = known.get(&used.name) else {
             if !used.name.is_empty() && !known.is_empty() {
@@ -97,32 +125,54 @@ impl Library {
                     format!("the material {:?} is in none of its libraries", used.name),
                 );
             }
-            return (material, placement);
+            return (draft, placement);
         };
-        material.color = stated.color.unwrap_or(material.color);
-        if let Some(texture) = stated.texture.as_ref().filter(|_| used.textured) {
-            material.texture = self.texture_of(&[library, mesh], &texture.file);
-            placement = Placement {
-                scale: texture.scale,
-                offset: texture.offset,
-            };
-        } else if stated.texture.is_some() {
+        draft.material.color = stated.color.unwrap_or(draft.material.color);
+        if stated.texture.is_some() && !used.textured {
             let name = &used.name;
             self.note(
                 mesh,
                 format!("faces of material {name:?} lack texture coordinates"),
             );
         }
-        (material, placement)
+        if let Some(texture) = stated.texture.as_ref().filter(|_| used.textured) {
+            draft.texture = self.texture_of(&[library, mesh], &texture.file, Use::Color);
+            placement = Placement {
+                scale: texture.scale,
+                offset: texture.offset,
+            };
+        }
+        if let Some(mask) = stated.mask.as_ref().filter(|_| used.textured) {
+            let number = self.texture_of(&[library, mesh], &mask.file, Use::OpacityOrGray);
+            draft.opacity = number.map(|number| (number, 0.5));
+            if draft.texture.is_none() {
+                placement = Placement {
+                    scale: mask.scale,
+                    offset: mask.offset,
+                };
+            }
+        }
+        (draft, placement)
     }
 
-    /// The texture that `mesh` names, if it can be read.
-    pub(super) fn texture(&mut self, mesh: &Path, name: &str) -> Option<Arc<ColorImage>> {
-        self.texture_of(&[mesh], name)
+    /// The number of the texture that `mesh` names, if there is such a file.
+    pub(super) fn texture(&mut self, mesh: &Path, name: &str, used: Use) -> Option<usize> {
+        self.texture_of(&[mesh], name, used)
+    }
+
+    /// The number of a texture inside `mesh`.
+    pub(super) fn inner_texture(
+        &mut self,
+        (mesh, image): (&Path, usize),
+        bytes: &[u8],
+        used: Use,
+    ) -> usize {
+        let name = format!("{} (image {image})", mesh.display());
+        self.textures.add(PathBuf::from(name), Some(bytes), used)
     }
 
     /// The texture `name`, looked for beside each of the files `beside`.
-    fn texture_of(&mut self, beside: &[&Path], name: &str) -> Option<Arc<ColorImage>> {
+    fn texture_of(&mut self, beside: &[&Path], name: &str, used: Use) -> Option<usize> {
         let Some(path) = find(beside, name) else {
             let from = beside.first().copied().unwrap_or(Path::new(""));
             self.note(
@@ -132,19 +182,7 @@ impl Library {
             return None;
         };
         let path = path.canonicalize().unwrap_or(path);
-        if let Some(texture) = self.textures.get(&path) {
-            return texture.clone();
-        }
-        let texture = match read_image(&path) {
-            Ok(image) => Some(Arc::new(image)),
-            Err(error) => {
-                self.notes
-                    .push(format!("{error}; the color of its material is shown"));
-                None
-            }
-        };
-        self.textures.insert(path, texture.clone());
-        texture
+        Some(self.textures.add(path, None, used))
     }
 }
 
@@ -173,7 +211,7 @@ fn library_names(mesh: &Path, text: &str) -> Vec<String> {
 
 /// The file `name` beside one of the files `beside`: with its folders or without, as written or in
 /// another case, with the separators of either system.
-fn find(beside: &[&Path], name: &str) -> Option<PathBuf> {
+pub(super) fn find(beside: &[&Path], name: &str) -> Option<PathBuf> {
     let name = name.replace('\\', "/");
     let relative = Path::new(&name);
     let alone = relative.file_name().map(Path::new);

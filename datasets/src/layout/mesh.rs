@@ -1,12 +1,15 @@
 //! Meshes with their materials and textures, from one or many files.
 
 use super::files::read_with;
-use super::materials::Library;
+use super::materials::{self, Draft, Library};
+use super::textures::Use;
 use crate::error::{Error, Result};
+use crate::format::gltf::{self, GltfImage};
 use crate::format::obj::{ObjFile, read_obj};
 use crate::format::ply::{PlyMesh, read_mesh};
 use crate::scene::{Corner, Material, Mesh};
 use glam::{DVec3, Vec2};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// A mesh, and what was odd about its files (a missing texture, say), one sentence each.
@@ -18,78 +21,201 @@ pub struct LoadedMesh {
     pub notes: Vec<String>,
 }
 
-/// Reads meshes (`.obj` with its materials, `.ply`) and joins them into one. A folder stands for
-/// all its meshes, in name order. Textures are found beside the file that names them; one that
-/// cannot be read is noted, and its material's colour shows instead.
+/// The memory that decoded textures may take unless said otherwise: 6 GiB.
+pub const TEXTURE_BYTES: u64 = 6 << 30;
+
+/// How meshes are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// The most bytes that decoded textures may take; more are refused before any is decoded.
+    pub texture_bytes: u64,
+    /// Threads that decode textures; the result does not depend on it.
+    pub threads: usize,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            texture_bytes: TEXTURE_BYTES,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+        }
+    }
+}
+
+/// [`read_meshes_with`] by default options.
 pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
+    read_meshes_with(paths, &ReadOptions::default())
+}
+
+/// Reads meshes (`.obj` with its materials, `.ply`, `.gltf`, `.glb`) and joins them into one. A
+/// folder stands for all its meshes, and a last name with `*` or `?` for all that fit, in name order.
+/// Textures are found beside the file that names them, and only those that faces use are read; one
+/// that cannot be is noted, and its material's colour shows instead.
+pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<LoadedMesh> {
     let mut joined = Joined::default();
     let mut library = Library::default();
     for path in &mesh_files(paths)? {
-        let part = if has_extension(path, "ply") {
-            read_ply_part(path, &mut library)?
-        } else {
-            read_obj_part(path, &mut library)?
+        let part = match extension_of(path).as_str() {
+            "ply" => read_ply_part(path, &mut library)?,
+            "gltf" | "glb" => read_gltf_part(path, &mut library)?,
+            _ => read_obj_part(path, &mut library)?,
         };
         joined
             .add(part)
             .map_err(|problem| Error::layout(path, problem))?;
     }
-    let mesh = joined.finish()?;
-    if mesh.triangles().is_empty() {
-        let found = mesh.vertices().len();
+    if joined.triangles.is_empty() {
+        let found = joined.vertices.len();
         let problem = format!("expected a mesh, found {found} vertices and no faces");
         return Err(Error::layout(
             paths.first().map_or(Path::new(""), PathBuf::as_path),
             problem,
         ));
     }
-    let notes = library.into_notes();
+    let drafts = std::mem::take(&mut joined.drafts);
+    let (materials, notes) = library.finish(drafts, options)?;
+    let mesh = joined.finish(materials)?;
     Ok(LoadedMesh { mesh, notes })
 }
 
-fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension()
-        .is_some_and(|found| found.eq_ignore_ascii_case(extension))
+/// The ending in small letters.
+fn extension_of(path: &Path) -> String {
+    let extension = path.extension().unwrap_or_default();
+    extension.to_string_lossy().to_ascii_lowercase()
 }
 
-/// The files behind `paths`: folders are replaced by the meshes in them.
+/// Whether the file's name ends like a mesh's.
+pub fn is_mesh(path: &Path) -> bool {
+    matches!(extension_of(path).as_str(), "obj" | "ply" | "gltf" | "glb")
+}
+
+/// The files behind `paths`: folders and patterns are replaced by the meshes that they stand for.
 fn mesh_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     if paths.is_empty() {
         return Err(Error::layout("", "expected at least one mesh, found none"));
     }
     let mut files = Vec::new();
     for path in paths {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
         if path.is_dir() {
-            files.extend(meshes_in(path)?);
-        } else if has_extension(path, "obj") || has_extension(path, "ply") {
+            files.extend(meshes_in(path, "*")?);
+        } else if name.contains(['*', '?']) && !path.exists() {
+            let folder = path
+                .parent()
+                .filter(|parent| !parent.as_os_str().is_empty());
+            files.extend(meshes_in(folder.unwrap_or(Path::new(".")), &name)?);
+        } else if is_mesh(path) {
             files.push(path.clone());
         } else {
-            let problem = "expected a mesh that ends in .obj or .ply, or a folder of them";
+            let problem =
+                "expected a mesh that ends in .obj, .ply, .gltf or .glb, or a folder of them";
             return Err(Error::layout(path, problem));
         }
     }
     Ok(files)
 }
 
-fn meshes_in(folder: &Path) -> Result<Vec<PathBuf>> {
+/// The meshes in a folder whose names fit the pattern.
+fn meshes_in(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder, "list"))? {
         let path = entry.map_err(Error::io(folder, "list"))?.path();
-        if path.is_file() && (has_extension(&path, "obj") || has_extension(&path, "ply")) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if is_mesh(&path) && fits(name.as_bytes(), pattern.as_bytes()) && path.is_file() {
             files.push(path);
         }
     }
     files.sort();
     if files.is_empty() {
-        return Err(Error::layout(
-            folder,
-            "expected .obj or .ply files in this folder, found none",
-        ));
+        let which = match pattern {
+            "*" => String::new(),
+            pattern => format!(" that fit {pattern}"),
+        };
+        let problem =
+            format!("expected .obj, .ply, .gltf or .glb files{which} in this folder, found none");
+        return Err(Error::layout(folder, problem));
     }
     Ok(files)
 }
 
-fn read_obj_part(path: &Path, library: &mut Library) -> Result<Mesh> {
+/// Whether a name fits a pattern in which `*` stands for any letters and `?` for one.
+fn fits(name: &[u8], pattern: &[u8]) -> bool {
+    match (name, pattern) {
+        ([], []) => true,
+        (_, [b'*', rest @ ..]) => (0..=name.len()).any(|skip| fits(&name[skip..], rest)),
+        ([_, name @ ..], [b'?', rest @ ..]) => fits(name, rest),
+        ([letter, name @ ..], [wanted, rest @ ..]) => letter == wanted && fits(name, rest),
+        _ => false,
+    }
+}
+
+/// A mesh whose materials still lack their textures.
+struct Part {
+    mesh: Mesh,
+    /// One per material.
+    drafts: Vec<Draft>,
+}
+
+impl Part {
+    /// A part whose materials need no files.
+    fn plain(mesh: Mesh) -> Self {
+        let drafts = mesh.materials().iter().cloned().map(Draft::from).collect();
+        Self { mesh, drafts }
+    }
+
+    fn new(mesh: Mesh, drafts: Vec<Draft>, slots: Option<Vec<u32>>) -> Result<Self> {
+        let materials = drafts.iter().map(|draft| draft.material.clone()).collect();
+        let mesh = mesh.with_materials(materials, slots)?;
+        Ok(Self { mesh, drafts })
+    }
+}
+
+fn read_gltf_part(path: &Path, library: &mut Library) -> Result<Part> {
+    let load = |name: &str| {
+        let found = materials::find(&[path], name)
+            .ok_or_else(|| format!("expected the file {name:?} beside it, found none"))?;
+        std::fs::read(&found).map_err(|error| format!("cannot read {}: {error}", found.display()))
+    };
+    let file = read_with(path, |bytes| gltf::read_gltf(bytes, &load))?;
+    for note in &file.notes {
+        library.note(path, note);
+    }
+    let mut texture = |image: usize, used: Use| match file.images.get(&image)? {
+        GltfImage::Bytes(bytes) => Some(library.inner_texture((path, image), bytes, used)),
+        GltfImage::File(name) => library.texture(path, name, used),
+    };
+    let mut drafts = Vec::with_capacity(file.materials.len());
+    for material in &file.materials {
+        let image = material.texture.as_ref().map(|texture| texture.image);
+        let cutoff = image.zip(material.cutoff);
+        drafts.push(Draft {
+            texture: image.and_then(|image| texture(image, Use::scaled(material.factor))),
+            opacity: cutoff
+                .and_then(|(image, cutoff)| Some((texture(image, Use::Opacity)?, cutoff))),
+            material: Material {
+                name: material.name.clone(),
+                color: material.color,
+                tinted: material.tinted,
+                double_sided: material.double_sided,
+                ..Material::default()
+            },
+        });
+    }
+    let textured = drafts.iter().any(|draft| draft.texture.is_some());
+    let build = || {
+        let mut mesh = Mesh::new(file.vertices, file.triangles)?;
+        if textured {
+            mesh = mesh.with_texture_coords(file.texture_coords)?;
+        }
+        if let Some(colors) = file.vertex_colors {
+            mesh = mesh.with_vertex_colors(colors)?;
+        }
+        Part::new(mesh, drafts, Some(file.triangle_materials))
+    };
+    build().map_err(|error| Error::layout(path, error.to_string()))
+}
+
+fn read_obj_part(path: &Path, library: &mut Library) -> Result<Part> {
     let file = read_with(path, read_obj)?;
     if file.skipped_faces > 0 {
         let skipped = file.skipped_faces;
@@ -105,15 +231,15 @@ fn read_obj_part(path: &Path, library: &mut Library) -> Result<Mesh> {
         );
     }
     let known = library.read(path, &file.libraries, !file.materials.is_empty())?;
-    let mut materials = Vec::with_capacity(file.materials.len());
+    let mut drafts = Vec::with_capacity(file.materials.len());
     let mut placements = Vec::with_capacity(file.materials.len());
     for used in &file.materials {
-        let (material, placement) = library.material(path, &known, used);
-        materials.push(material);
+        let (draft, placement) = library.material(path, &known, used);
+        drafts.push(draft);
         placements.push(placement);
     }
-    if materials.is_empty() {
-        materials.push(Material::default());
+    if drafts.is_empty() {
+        drafts.push(Draft::default());
     }
     let ObjFile {
         vertices,
@@ -126,50 +252,58 @@ fn read_obj_part(path: &Path, library: &mut Library) -> Result<Mesh> {
     for (corners, &slot) in texture_coords.iter_mut().zip(&triangle_materials) {
         placements[slot as usize].apply(corners);
     }
-    let textured = materials.iter().any(|material| material.texture.is_some());
+    let textured = drafts
+        .iter()
+        .any(|draft| draft.texture.is_some() || draft.opacity.is_some());
     let build = || {
-        let mut mesh =
-            Mesh::new(vertices, triangles)?.with_materials(materials, Some(triangle_materials))?;
+        let mut mesh = Mesh::new(vertices, triangles)?;
         if textured {
             mesh = mesh.with_texture_coords(texture_coords)?;
         }
-        match vertex_colors {
-            Some(colors) => mesh.with_vertex_colors(colors),
-            None => Ok(mesh),
+        if let Some(colors) = vertex_colors {
+            mesh = mesh.with_vertex_colors(colors)?;
         }
+        Part::new(mesh, drafts, Some(triangle_materials))
     };
     build().map_err(|error| Error::layout(path, error.to_string()))
 }
 
-fn read_ply_part(path: &Path, library: &mut Library) -> Result<Mesh> {
+fn read_ply_part(path: &Path, library: &mut Library) -> Result<Part> {
     let PlyMesh {
         mesh,
         texture_files,
     } = read_with(path, read_mesh)?;
     if mesh.texture_coords().is_none() || texture_files.is_empty() {
-        return Ok(mesh);
+        return Ok(Part::plain(mesh));
     }
     let slots = mesh.triangle_materials().map(<[u32]>::to_vec);
-    let material = |(index, file): (usize, &String)| Material {
-        texture: library.texture(path, file),
-        ..mesh.materials().get(index).cloned().unwrap_or_default()
+    let used: BTreeSet<u32> = match &slots {
+        Some(slots) => slots.iter().copied().collect(),
+        None => BTreeSet::from([0]),
     };
-    let mut materials: Vec<Material> = texture_files.iter().enumerate().map(material).collect();
-    let needed = slots
-        .iter()
-        .flatten()
-        .max()
-        .map_or(1, |&slot| slot as usize + 1);
-    if needed > materials.len() {
-        let found = materials.len();
+    let draft = |(index, file): (u32, &String)| Draft {
+        texture: match used.contains(&index) {
+            true => library.texture(path, file, Use::Color),
+            false => None,
+        },
+        ..Draft::from(
+            mesh.materials()
+                .get(index as usize)
+                .cloned()
+                .unwrap_or_default(),
+        )
+    };
+    let mut drafts: Vec<Draft> = (0u32..).zip(&texture_files).map(draft).collect();
+    let needed = used.last().map_or(1, |&slot| slot as usize + 1);
+    if needed > drafts.len() {
+        let found = drafts.len();
         library.note(
             path,
             format!("its faces use {needed} textures, {found} are named"),
         );
-        materials.resize(needed, Material::default());
+        drafts.resize(needed, Draft::default());
     }
-    mesh.with_materials(materials, slots)
-        .map_err(|error| Error::layout(path, error.to_string()))
+    Part::new(mesh, drafts, slots).map_err(|error| Error::layout(path, error.to_string()))
 }
 
 /// Several meshes one after another.
@@ -180,16 +314,16 @@ struct Joined {
     texture_coords: Option<Vec<Corner>>,
     vertex_colors: Option<Vec<[u8; 3]>>,
     triangle_materials: Vec<u32>,
-    materials: Vec<Material>,
+    drafts: Vec<Draft>,
 }
 
 impl Joined {
-    fn add(&mut self, part: Mesh) -> Result<(), String> {
+    fn add(&mut self, Part { mesh: part, drafts }: Part) -> Result<(), String> {
         let count =
             |all: usize| u32::try_from(all).map_err(|_| "more than 2^32 vertices".to_owned());
         let first_vertex = count(self.vertices.len())?;
         count(self.vertices.len() + part.vertices().len())?;
-        let first_material = count(self.materials.len())?;
+        let first_material = count(self.drafts.len())?;
         let before = self.triangles.len();
         self.extend_colors(&part);
         self.vertices.extend_from_slice(part.vertices());
@@ -206,7 +340,7 @@ impl Joined {
                 .triangle_materials
                 .resize(self.triangles.len(), first_material),
         }
-        self.materials.extend_from_slice(part.materials());
+        self.drafts.extend(drafts);
         if let Some(coords) = part.texture_coords() {
             let all = self.texture_coords.get_or_insert_default();
             all.resize(before, [Vec2::ZERO; 3]);
@@ -224,7 +358,7 @@ impl Joined {
                 vertices: self.vertices.len(),
             };
             self.vertex_colors =
-                Some(before.colors(|t| &self.materials[self.triangle_materials[t] as usize]));
+                Some(before.colors(|t| &self.drafts[self.triangle_materials[t] as usize].material));
         }
         let Some(colors) = &mut self.vertex_colors else {
             return;
@@ -241,13 +375,11 @@ impl Joined {
         }
     }
 
-    fn finish(mut self) -> Result<Mesh> {
-        if self.materials.is_empty() {
-            self.materials.push(Material::default());
-        }
+    /// The mesh, with a material for each draft.
+    fn finish(self, materials: Vec<Material>) -> Result<Mesh> {
         let count = self.triangles.len();
         let mut mesh = Mesh::new(self.vertices, self.triangles)?
-            .with_materials(self.materials, Some(self.triangle_materials))?;
+            .with_materials(materials, Some(self.triangle_materials))?;
         if let Some(mut coords) = self.texture_coords {
             coords.resize(count, [Vec2::ZERO; 3]);
             mesh = mesh.with_texture_coords(coords)?;
@@ -274,5 +406,28 @@ impl Painted<'_> {
             }
         }
         colors
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fits;
+
+    #[test]
+    fn patterns_stand_for_names() {
+        for (name, pattern, expected) in [
+            ("tile_1_2.obj", "tile_*.obj", true),
+            ("tile_1_2.obj", "tile_?_?.obj", true),
+            ("tile_1_12.obj", "tile_?_?.obj", false),
+            ("tile.obj", "*.ply", false),
+            ("a", "a*", true),
+            ("", "?", false),
+        ] {
+            assert_eq!(
+                fits(name.as_bytes(), pattern.as_bytes()),
+                expected,
+                "{name} {pattern}"
+            );
+        }
     }
 }

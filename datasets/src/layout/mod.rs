@@ -11,6 +11,7 @@ pub mod mesh_out;
 pub mod mvsnet;
 pub mod scratch;
 pub mod sparse;
+mod textures;
 pub mod tnt;
 pub mod visible;
 pub mod workspace;

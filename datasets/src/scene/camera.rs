@@ -55,8 +55,11 @@ impl Camera {
 
     /// The same camera behind a lens. [`Camera::project`] and [`Camera::ray`] go through it.
     pub fn with_distortion(mut self, distortion: Distortion) -> Result<Self> {
-        if !distortion.is_finite() {
-            let problem = format!("expected finite distortion coefficients, found {distortion:?}");
+        if !distortion.is_sound() {
+            let problem = format!(
+                "expected finite distortion coefficients and angles inside 0 to 180 degrees, found \
+                 {distortion:?}"
+            );
             return Err(Error::invalid("camera", problem));
         }
         self.distortion = distortion;

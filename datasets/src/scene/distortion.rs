@@ -25,6 +25,22 @@ pub enum Distortion {
         /// k1 to k4.
         radial: [f64; 4],
     },
+    /// COLMAP's thin-prism fisheye: the plane of an equidistant fisheye, bent there by
+    /// 1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸, then p1 and p2, then (s1, s2) · r².
+    ThinPrismFisheye {
+        /// k1 to k4.
+        radial: [f64; 4],
+        /// p1 and p2.
+        tangential: [f64; 2],
+        /// s1 and s2.
+        prism: [f64; 2],
+    },
+    /// The field-of-view model of Devernay and Faugeras: the radius r becomes
+    /// atan(2 r tan(ω / 2)) / ω.
+    FieldOfView {
+        /// ω in radians, inside (0, π).
+        omega: f64,
+    },
 }
 
 impl Distortion {
@@ -34,17 +50,18 @@ impl Distortion {
         match self {
             Self::None => ideal,
             Self::RadialTangential { tangential, .. } => {
-                let [p1, p2] = *tangential;
-                let r2 = radius * radius;
-                let xy = ideal.x * ideal.y;
-                let shift = DVec2::new(
-                    2.0 * p1 * xy + p2 * (r2 + 2.0 * ideal.x * ideal.x),
-                    2.0 * p2 * xy + p1 * (r2 + 2.0 * ideal.y * ideal.y),
-                );
-                ideal * self.factor(radius).0 + shift
+                ideal * self.factor(radius).0 + Shift(*tangential, [0.0; 2]).at(ideal)
             }
-            Self::Fisheye { .. } if radius > 0.0 => ideal * (self.profile(radius).0 / radius),
-            Self::Fisheye { .. } => ideal,
+            _ if radius == 0.0 => ideal,
+            Self::Fisheye { .. } | Self::FieldOfView { .. } => {
+                ideal * (self.profile(radius).0 / radius)
+            }
+            Self::ThinPrismFisheye {
+                tangential, prism, ..
+            } => {
+                let plane = ideal * (radius.atan() / radius);
+                ideal * (self.profile(radius).0 / radius) + Shift(*tangential, *prism).at(plane)
+            }
         }
     }
 
@@ -62,16 +79,46 @@ impl Distortion {
         if *self == Self::None {
             return Some(seen);
         }
-        let mut ideal = self.undo_radial(seen, field_radius)?;
+        let inside = |ideal: &DVec2| ideal.length() <= field_radius * (1.0 + 1e-9);
+        let near = self.polished(self.guess(seen), seen).filter(inside);
+        near.or_else(|| {
+            let far = self.undo_radial(seen, field_radius)?;
+            self.polished(far, seen).filter(inside)
+        })
+    }
+
+    /// A point that Newton's method can start from, good where the lens is mild.
+    fn guess(&self, seen: DVec2) -> DVec2 {
+        let angle = match self {
+            Self::None | Self::RadialTangential { .. } => return seen,
+            Self::Fisheye { .. } | Self::ThinPrismFisheye { .. } => seen.length(),
+            Self::FieldOfView { omega } => {
+                return seen * (omega / (2.0 * (0.5 * omega).tan()));
+            }
+        };
+        if angle > 0.0 {
+            seen * (angle.min(1.5).tan() / angle)
+        } else {
+            seen
+        }
+    }
+
+    /// Newton's method from `start`; `None` unless the result fits to 1e-12.
+    fn polished(&self, start: DVec2, seen: DVec2) -> Option<DVec2> {
+        let mut ideal = start;
+        let unit = 1.0 + seen.length();
+        let mut last = f64::INFINITY;
         for _ in 0..20 {
             let error = self.distort(ideal) - seen;
-            if error.length() <= 1e-15 * (1.0 + seen.length()) {
+            let size = error.length();
+            // Rounding keeps the last bits moving: no better than before is good enough.
+            if size <= 1e-16 * unit || (size <= 1e-14 * unit && size >= last) {
                 break;
             }
+            last = size;
             ideal -= self.jacobian(ideal).inverse() * error;
         }
-        let fits = (self.distort(ideal) - seen).length() <= 1e-12 * (1.0 + seen.length());
-        (fits && ideal.length() <= field_radius * (1.0 + 1e-9)).then_some(ideal)
+        ((self.distort(ideal) - seen).length() <= 1e-12 * unit).then_some(ideal)
     }
 
     /// The largest radius up to which radii grow when distorted, so that there is one ray per image
@@ -128,7 +175,7 @@ impl Distortion {
             } else {
                 0.5 * (low + high)
             };
-            if (next - radius).abs() <= 1e-16 * radius {
+            if (next - radius).abs() <= 1e-14 * radius {
                 break;
             }
             radius = next;
@@ -144,7 +191,12 @@ impl Distortion {
                 let (factor, slope) = self.factor(radius);
                 (radius * factor, factor + radius * slope)
             }
-            Self::Fisheye { radial } => {
+            Self::FieldOfView { omega } => {
+                let scale = 2.0 * (0.5 * omega).tan();
+                let slope = scale / (omega * (1.0 + (scale * radius).powi(2)));
+                ((scale * radius).atan() / omega, slope)
+            }
+            Self::Fisheye { radial } | Self::ThinPrismFisheye { radial, .. } => {
                 let angle = radius.atan();
                 let a2 = angle * angle;
                 let [k1, k2, k3, k4] = *radial;
@@ -178,7 +230,7 @@ impl Distortion {
     fn jacobian(&self, ideal: DVec2) -> DMat2 {
         let radius = ideal.length();
         if radius < 1e-12 {
-            return DMat2::IDENTITY;
+            return DMat2::from_diagonal(DVec2::splat(self.profile(0.0).1));
         }
         let (value, slope) = self.profile(radius);
         let factor = value / radius;
@@ -188,19 +240,24 @@ impl Distortion {
             DVec2::new(factor + bend * along.x * along.x, bend * along.x * along.y),
             DVec2::new(bend * along.x * along.y, factor + bend * along.y * along.y),
         );
-        if let Self::RadialTangential { tangential, .. } = self {
-            let [p1, p2] = *tangential;
-            let DVec2 { x, y } = ideal;
-            jacobian += DMat2::from_cols(
-                DVec2::new(2.0 * p1 * y + 6.0 * p2 * x, 2.0 * p2 * y + 2.0 * p1 * x),
-                DVec2::new(2.0 * p1 * x + 2.0 * p2 * y, 2.0 * p2 * x + 6.0 * p1 * y),
-            );
+        match self {
+            Self::RadialTangential { tangential, .. } => {
+                jacobian += Shift(*tangential, [0.0; 2]).slope(ideal);
+            }
+            Self::ThinPrismFisheye {
+                tangential, prism, ..
+            } => {
+                let plain = Self::Fisheye { radial: [0.0; 4] };
+                let plane = ideal * (radius.atan() / radius);
+                jacobian += Shift(*tangential, *prism).slope(plane) * plain.jacobian(ideal);
+            }
+            Self::None | Self::Fisheye { .. } | Self::FieldOfView { .. } => {}
         }
         jacobian
     }
 
-    /// Whether all coefficients are finite.
-    pub fn is_finite(&self) -> bool {
+    /// Whether all coefficients are finite, and an angle inside its range.
+    pub fn is_sound(&self) -> bool {
         match self {
             Self::None => true,
             Self::RadialTangential { radial, tangential } => radial
@@ -208,7 +265,39 @@ impl Distortion {
                 .chain(tangential)
                 .all(|value| value.is_finite()),
             Self::Fisheye { radial } => radial.iter().all(|value| value.is_finite()),
+            Self::ThinPrismFisheye {
+                radial,
+                tangential,
+                prism,
+            } => radial
+                .iter()
+                .chain(tangential)
+                .chain(prism)
+                .all(|value| value.is_finite()),
+            Self::FieldOfView { omega } => 0.0 < *omega && *omega < std::f64::consts::PI,
         }
+    }
+}
+
+/// Tangential bending by p1 and p2, and thin-prism bending by s1 and s2.
+struct Shift([f64; 2], [f64; 2]);
+
+impl Shift {
+    fn at(&self, DVec2 { x, y }: DVec2) -> DVec2 {
+        let Self([p1, p2], [s1, s2]) = self;
+        let r2 = x * x + y * y;
+        DVec2::new(
+            2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) + s1 * r2,
+            2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y) + s2 * r2,
+        )
+    }
+
+    fn slope(&self, DVec2 { x, y }: DVec2) -> DMat2 {
+        let Self([p1, p2], [s1, s2]) = self;
+        2.0 * DMat2::from_cols(
+            DVec2::new(p1 * y + (3.0 * p2 + s1) * x, p2 * y + (p1 + s2) * x),
+            DVec2::new(p1 * x + (p2 + s1) * y, p2 * x + (3.0 * p1 + s2) * y),
+        )
     }
 }
 
@@ -228,6 +317,12 @@ mod tests {
             Distortion::Fisheye {
                 radial: [-0.02, 0.01, -0.005, 0.0005],
             },
+            Distortion::ThinPrismFisheye {
+                radial: [-0.03, 0.02, -0.004, 0.0003],
+                tangential: [0.002, -0.001],
+                prism: [0.003, -0.002],
+            },
+            Distortion::FieldOfView { omega: 0.9 },
         ]
     }
 
@@ -255,7 +350,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn undistorting_undoes_distorting(which in 0usize..6, angle in 0.0..6.3f64, part in 0.0..0.95f64) {
+        fn undistorting_undoes_distorting(which in 0usize..8, angle in 0.0..6.3f64, part in 0.0..0.95f64) {
             let lens = lenses()[which];
             let radius = part * lens.field_radius().min(3.0);
             let ideal = radius * DVec2::from_angle(angle);
@@ -264,7 +359,7 @@ mod tests {
         }
 
         #[test]
-        fn the_jacobian_is_the_slope(which in 0usize..6, x in -0.7..0.7f64, y in -0.7..0.7f64) {
+        fn the_jacobian_is_the_slope(which in 0usize..8, x in -0.7..0.7f64, y in -0.7..0.7f64) {
             let lens = lenses()[which];
             let at = DVec2::new(x, y);
             let step = 1e-6;

@@ -1,5 +1,5 @@
 use super::aabb::Aabb;
-use super::raster::ColorImage;
+use super::raster::{ColorImage, Raster};
 use crate::error::{Error, Result};
 use glam::{DVec3, Vec2};
 use std::sync::Arc;
@@ -19,6 +19,22 @@ pub struct Material {
     pub color: [u8; 3],
     /// The texture, if any.
     pub texture: Option<Arc<ColorImage>>,
+    /// Whether vertex colours, where the mesh has them, are multiplied with the texture in linear
+    /// light, as in glTF. Else a texture hides them.
+    pub tinted: bool,
+    /// Where the surface is cut out, if it is.
+    pub cutout: Option<Cutout>,
+    /// Whether both sides of the triangles are surface.
+    pub double_sided: bool,
+}
+
+/// A mask that lies on a surface like a texture: where its value is below `cutoff` there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cutout {
+    /// 8-bit opacity, interpolated like a texture.
+    pub opacity: Arc<Raster<u8>>,
+    /// The least opacity that is surface, in 8-bit units.
+    pub cutoff: f32,
 }
 
 impl Default for Material {
@@ -28,6 +44,9 @@ impl Default for Material {
             name: String::new(),
             color: [200; 3],
             texture: None,
+            tinted: false,
+            cutout: None,
+            double_sided: false,
         }
     }
 }
@@ -206,7 +225,7 @@ mod tests {
         let red = Material {
             name: "red".into(),
             color: [255, 0, 0],
-            texture: None,
+            ..Material::default()
         };
         let mesh = triangle().with_materials(vec![red.clone()], None).unwrap();
         assert_eq!(mesh.material_of(0), &red);

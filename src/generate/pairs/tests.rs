@@ -20,7 +20,7 @@ fn walls(squares: &[(DVec3, f64)]) -> Mesh {
     let mut triangles = Vec::new();
     for (center, half) in squares {
         let first = vertices.len() as u32;
-        for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+        for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)] {
             vertices.push(*center + *half * DVec3::new(x, y, 0.0));
         }
         triangles.push([first, first + 1, first + 2]);
@@ -31,7 +31,13 @@ fn walls(squares: &[(DVec3, f64)]) -> Mesh {
 
 fn measure(mesh: &Mesh, views: &[View]) -> Covisibility {
     let renderer = Renderer::new(mesh).unwrap();
-    Covisibility::measure((&renderer, mesh), views, &PairOptions::default(), &Silent).unwrap()
+    Covisibility::measure(
+        (&renderer, mesh),
+        views,
+        (&PairOptions::default(), BackFaces::Invalid),
+        &Silent,
+    )
+    .unwrap()
 }
 
 /// An eye at `degrees` around the origin, 10 away, in the plane y = 0.
@@ -131,7 +137,12 @@ fn bad_options_are_named() {
             ..PairOptions::default()
         },
     ] {
-        let result = Covisibility::measure((&renderer, &mesh), &[], &options, &Silent);
+        let result = Covisibility::measure(
+            (&renderer, &mesh),
+            &[],
+            (&options, BackFaces::Invalid),
+            &Silent,
+        );
         assert!(result.unwrap_err().to_string().contains("view selection"));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{DEPTH_BOUND, ExtremesJob, Place, Rows, naive};
 use crate::error::Result;
-use crate::render::{RenderOptions, Renderer};
+use crate::render::{BackFaces, RenderOptions, Renderer};
 use glam::{DMat3, DVec2, DVec3};
 use mvs_datasets::scene::{Camera, Mesh, Pose, View};
 use mvs_datasets::synthetic::{SceneKind, SyntheticOptions, SyntheticScene};
@@ -104,6 +104,7 @@ impl Errors {
     fn of(mesh: &Mesh, view: &View, exact: impl Fn(DVec2) -> Option<f64>) -> Result<Self> {
         let options = RenderOptions {
             samples: 1,
+            back_faces: BackFaces::Valid,
             ..RenderOptions::default()
         };
         let depth = Renderer::new(mesh)?.render(view, &options)?.depth;

@@ -6,7 +6,7 @@ use mvs_datasets::scene::{Camera, DepthMap, Raster, View};
 use mvs_datasets::synthetic::{DepthNoise, SceneKind, SyntheticOptions, SyntheticScene};
 use mvs_eval::fuse::{self, Estimate, FuseMode, FuseOptions};
 use mvs_eval::progress::Silent;
-use mvs_eval::render::{RenderOptions, Renderer};
+use mvs_eval::render::{BackFaces, RenderOptions, Renderer};
 use mvs_eval::score::cameras::{self, Trajectories};
 use mvs_eval::score::plain::{self, Preparation};
 use mvs_eval::score::tnt::{self, Inputs, Options, Profile, Start};
@@ -151,6 +151,7 @@ fn render(setting: &Setting, fault: Option<Fault>, numbers: &mut Numbers) -> Vec
     let renderer = Renderer::new(setting.scene.mesh()).unwrap();
     let options = RenderOptions {
         samples: 1,
+        back_faces: BackFaces::Valid,
         ..RenderOptions::default()
     };
     let one = |view: &View| {

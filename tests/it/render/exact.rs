@@ -51,6 +51,8 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
             let view = view(pose, 90 + index as u32, 51);
             let options = RenderOptions {
                 samples: [1, 4, 9][index % 3],
+                back_faces: BackFaces::Valid,
+                interpolated_normals: index % 2 == 0,
                 ..RenderOptions::default()
             };
             let fast = renderer.render(&view, &options).unwrap();
@@ -70,6 +72,16 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
             assert!(fast.color == slow.color, "colors of {name} {index}");
             renderer.see(&view, &mut seen).unwrap();
             hits += agree(mesh, &view, &seen, &slow);
+            assert!(fast == slow, "masks or smooth normals of {name} {index}");
+            let fronts = RenderOptions {
+                back_faces: BackFaces::Invalid,
+                ..options
+            };
+            let fast = renderer.render(&view, &fronts).unwrap();
+            assert!(
+                fast == oracle.render(&view, &fronts).unwrap(),
+                "{name} {index}"
+            );
         }
     }
     assert!(hits > 20_000, "{hits}");
@@ -138,6 +150,7 @@ fn what_f32_cannot_tell_is_decided_exactly() {
     let (renderer, oracle) = (Renderer::new(&mesh).unwrap(), Oracle::new(&mesh));
     let options = RenderOptions {
         samples: 1,
+        back_faces: BackFaces::Valid,
         ..RenderOptions::default()
     };
     // Through the vertices, then through the insides of the triangles.

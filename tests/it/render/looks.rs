@@ -121,6 +121,7 @@ fn the_background_and_the_number_of_samples_are_as_asked() {
     let options = RenderOptions {
         samples: 4,
         background: [1, 2, 3],
+        ..RenderOptions::default()
     };
     let rendering = renderer.render(&view, &options).unwrap();
     assert_eq!(
@@ -130,7 +131,10 @@ fn the_background_and_the_number_of_samples_are_as_asked() {
     assert_eq!(rendering.normals.get(0, 0), [0.0; 3]);
     assert_eq!(rendering.color.get(16, 16), Material::default().color);
     for samples in [0, 2, 3, 81] {
-        let wrong = RenderOptions { samples, ..options };
+        let wrong = RenderOptions {
+            samples,
+            ..options.clone()
+        };
         let error = renderer.render(&view, &wrong).unwrap_err().to_string();
         assert!(error.contains(&format!("found {samples}")), "{error}");
     }

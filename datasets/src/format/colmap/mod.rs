@@ -24,6 +24,7 @@ pub use write::{
 use crate::error::{Error, Result};
 use crate::scene::{Camera, Distortion, Pose};
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use std::num::FpCategory;
 
 /// The camera models with their number in binary files and how many parameters they have.
 const MODELS: [(&str, i32, usize); 18] = [
@@ -91,7 +92,8 @@ pub struct ColmapPoint {
 }
 
 impl ColmapCamera {
-    /// The camera in this crate's terms. Models with another kind of lens than OpenCV's are refused.
+    /// The camera in this crate's terms. Division, EUCM, equirectangular and rad-tan-thin-prism
+    /// models are refused.
     pub fn to_camera(&self) -> Result<Camera> {
         let p = &self.params[..];
         let radial = |k1, k2| lens([k1, k2, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
@@ -122,9 +124,24 @@ impl ColmapCamera {
             ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => {
                 ([f, f], [cx, cy], fisheye(k1, k2, 0.0, 0.0))
             }
+            ("THIN_PRISM_FISHEYE", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, s1, s2]) => {
+                let lens = Distortion::ThinPrismFisheye {
+                    radial: [k1, k2, k3, k4],
+                    tangential: [p1, p2],
+                    prism: [s1, s2],
+                };
+                ([fx, fy], [cx, cy], lens)
+            }
+            ("FOV", &[fx, fy, cx, cy, omega]) => {
+                let lens = match omega.classify() {
+                    FpCategory::Zero => Distortion::None,
+                    _ => Distortion::FieldOfView { omega },
+                };
+                ([fx, fy], [cx, cy], lens)
+            }
             (model, params) => {
                 let problem = format!(
-                    "expected a pinhole, radial, OpenCV or fisheye model, found {model} with {} \
+                    "expected a pinhole, radial, OpenCV, FOV or fisheye model, found {model} with {} \
                      parameters: undistort the images first",
                     params.len()
                 );

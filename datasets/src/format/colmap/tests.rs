@@ -118,13 +118,13 @@ fn every_lens_projects_as_colmap_does() {
 
 #[test]
 fn lenses_of_another_kind_are_named() {
-    let text = "1 FOV 640 480 500 500 320 240 0.9\n";
+    let text = "1 DIVISION 640 480 500 500 320 240 0.9\n";
     let error = read_cameras_text(text).unwrap()[0]
         .to_camera()
         .unwrap_err()
         .to_string();
     assert!(
-        error.contains("found FOV with 5 parameters: undistort"),
+        error.contains("found DIVISION with 5 parameters: undistort"),
         "{error}"
     );
     let mut image = read_images_text(IMAGES).unwrap().remove(0);

@@ -6,7 +6,8 @@ use glam::DQuat;
 use std::fmt::Write;
 
 impl ColmapCamera {
-    /// The camera in COLMAP's terms: PINHOLE, OPENCV, FULL_OPENCV or OPENCV_FISHEYE.
+    /// The camera in COLMAP's terms: PINHOLE, OPENCV, FULL_OPENCV, OPENCV_FISHEYE,
+    /// THIN_PRISM_FISHEYE or FOV.
     pub fn new(id: u32, camera: &Camera) -> Self {
         let (focal, center) = (camera.focal(), camera.center());
         let mut params = vec![focal.x, focal.y, center.x, center.y];
@@ -24,6 +25,18 @@ impl ColmapCamera {
                     params.extend(&radial[2..]);
                     "FULL_OPENCV"
                 }
+            }
+            Distortion::ThinPrismFisheye {
+                radial: [k1, k2, k3, k4],
+                tangential: [p1, p2],
+                prism: [s1, s2],
+            } => {
+                params.extend([k1, k2, p1, p2, k3, k4, s1, s2]);
+                "THIN_PRISM_FISHEYE"
+            }
+            Distortion::FieldOfView { omega } => {
+                params.push(omega);
+                "FOV"
             }
         };
         Self {

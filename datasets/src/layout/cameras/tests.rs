@@ -227,7 +227,7 @@ fn what_is_no_camera_is_said() {
     assert!(sentence(root.path(), &none).contains("camera 3: expected distinct camera ids"));
     put(
         &root.path().join("cameras.txt"),
-        "3 FOV 640 480 500 510 321 239 0.1\n",
+        "3 DIVISION 640 480 500 510 321 239 0.1\n",
     );
     assert!(
         sentence(root.path(), &none).contains("cameras.txt: camera 3: camera: expected a pinhole")

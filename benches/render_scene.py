@@ -1,0 +1,196 @@
+"""Renders a real scene and measures it against its photographs and an independent render.
+
+usage: python benches/render_scene.py --binary target/release/mvs-eval --scene DIR --out DIR [--spot OBJ]
+
+Needs numpy, opencv-python and pillow. Per view: mean absolute difference between photograph and render
+on covered pixels (grey levels), and the median sub-pixel shift of blocks of 64 pixels that are covered
+altogether, by phase correlation under a Hann window. The view in `reference/` (ray cast by another
+program) is compared by quantiles of the depth difference. Writes views.csv, reference.csv, summary.csv
+and a picture of photograph, render and four times their difference.
+"""
+
+import argparse
+import csv
+import json
+import pathlib
+import subprocess
+import tempfile
+
+import cv2
+import numpy as np
+from PIL import Image
+
+BLOCK = 64
+LEAST_RESPONSE = 0.1
+QUANTILES = [0.5, 0.9, 0.99, 0.999, 1.0]
+
+
+def read_pfm(path):
+    with open(path, "rb") as file:
+        assert file.readline().strip() == b"Pf"
+        width, height = map(int, file.readline().split())
+        scale = float(file.readline())
+        values = np.frombuffer(file.read(), "<f4" if scale < 0 else ">f4")
+    return values.reshape(height, width)[::-1]
+
+
+def render(binary, mesh, cameras, out, *more):
+    command = [binary, "render", "--mesh", str(mesh), "--cameras", str(cameras), "--out", str(out)]
+    answer = subprocess.run([*command, "--format", "json", "-q", *more], check=True, capture_output=True)
+    return {view["id"]: view for view in json.loads(answer.stdout)["views"]}
+
+
+def shifts(photo, color, mask):
+    """Sub-pixel (dx, dy) of every covered block that correlates."""
+    gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) for image in (color, photo)]
+    window = cv2.createHanningWindow((BLOCK, BLOCK), cv2.CV_32F)
+    found = []
+    for top in range(0, mask.shape[0] - BLOCK + 1, BLOCK // 2):
+        for left in range(0, mask.shape[1] - BLOCK + 1, BLOCK // 2):
+            block = np.s_[top : top + BLOCK, left : left + BLOCK]
+            if mask[block].all():
+                a, b = (image[block] - image[block].mean() for image in gray)
+                shift, response = cv2.phaseCorrelate(a, b, window)
+                if response > LEAST_RESPONSE:
+                    found.append(shift)
+    return np.array(found)
+
+
+def compare_views(views, out, scene):
+    rows, pictures = [], {}
+    for number, view in sorted(views.items()):
+        name = f"{number:08}"
+        photo = np.asarray(Image.open(next((scene / "images").glob(f"{name}.*"))).convert("RGB"))
+        color = np.asarray(Image.open(out / "color" / f"{name}.png").convert("RGB"))
+        mask = read_pfm(out / "depth" / f"{name}.pfm") > 0
+        difference = np.abs(photo.astype(int) - color).mean(axis=2)
+        found = shifts(photo, color, mask)
+        dx, dy = np.median(found, axis=0)
+        rows.append(
+            {
+                "view": number,
+                "coverage": mask.mean(),
+                "mean_difference": difference[mask].mean(),
+                "blocks": len(found),
+                "shift_x": dx,
+                "shift_y": dy,
+                "mixed": view["mixed"],
+                "back_faces": view["back_faces"],
+            }
+        )
+        pictures[number] = (photo, color, mask)
+    return rows, pictures
+
+
+def compare_reference(scene, out):
+    rows = []
+    for path in sorted((scene / "reference" / "depth").glob("*.pfm")):
+        truth, found = read_pfm(path), read_pfm(out / "depth" / path.name)
+        both = (truth > 0) & (found > 0)
+        relative = np.abs(found[both] / truth[both] - 1)
+        row = {"view": int(path.stem), "reference_pixels": int((truth > 0).sum()), "pixels": int((found > 0).sum())}
+        row["only_reference"] = int(((truth > 0) & (found == 0)).sum())
+        row["only_ours"] = int(((truth == 0) & (found > 0)).sum())
+        row |= {f"q{q}": float(np.quantile(relative, q)) for q in QUANTILES}
+        rows.append(row)
+    return rows
+
+
+def write(path, rows):
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def picture(path, shown):
+    """Photograph, render, four times the difference, cut to what is covered and halved."""
+    bands = []
+    for photo, color, mask in shown:
+        rows, columns = np.where(mask)
+        cut = np.s_[rows.min() : rows.max(), columns.min() : columns.max()]
+        difference = np.clip(4 * np.abs(photo.astype(int) - color), 0, 255) * mask[..., None]
+        parts = [Image.fromarray(part[cut].astype(np.uint8)) for part in (photo, color, difference)]
+        height = 300
+        parts = [part.resize((round(part.width * height / part.height), height), Image.LANCZOS) for part in parts]
+        bands.append(np.concatenate([np.asarray(part) for part in parts], axis=1))
+    width = max(band.shape[1] for band in bands)
+    bands = [np.pad(band, ((0, 0), (0, width - band.shape[1]), (0, 0))) for band in bands]
+    Image.fromarray(np.concatenate(bands)).save(path, quality=88)
+
+
+def spot_picture(binary, mesh, path):
+    """The textured cow by three cameras, through a pinhole and through a wide lens."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        panels = []
+        for model in ("PINHOLE 480 360 520 520 240 180", "OPENCV_FISHEYE 480 360 210 210 240 180 0 0 0 0"):
+            write_colmap(folder / "cameras", model, [20, 140, 250], 2.6 if "PIN" in model else 1.45)
+            out = folder / model.split()[0]
+            render(binary, mesh, folder / "cameras", out, "--back-faces", "valid")
+            images = [np.asarray(Image.open(p)) for p in sorted((out / "color").glob("*.png"))]
+            panels.append(np.concatenate(images, axis=1))
+        Image.fromarray(np.concatenate(panels)).resize((960, 480), Image.LANCZOS).save(path, quality=88)
+
+
+def write_colmap(folder, model, angles, distance):
+    folder.mkdir(exist_ok=True)
+    (folder / "cameras.txt").write_text(f"1 {model}\n")
+    lines = []
+    for number, degrees in enumerate(angles):
+        angle = np.radians(degrees)
+        eye = distance * np.array([np.sin(angle), 0.25, -np.cos(angle)])
+        forward = -eye / np.linalg.norm(eye)
+        right = np.cross(forward, [0, 1, 0])
+        right /= np.linalg.norm(right)
+        rotation = np.array([right, np.cross(forward, right), forward])
+        w = np.sqrt(max(0, 1 + np.trace(rotation))) / 2
+        if w > 0.1:
+            x, y, z = (
+                (rotation[2, 1] - rotation[1, 2]) / (4 * w),
+                (rotation[0, 2] - rotation[2, 0]) / (4 * w),
+                (rotation[1, 0] - rotation[0, 1]) / (4 * w),
+            )
+        else:
+            values, vectors = np.linalg.eig(rotation)
+            axis = np.real(vectors[:, np.argmin(abs(values - 1))])
+            w, (x, y, z) = 0.0, axis / np.linalg.norm(axis)
+        t = -rotation @ eye
+        lines.append(f"{number + 1} {w} {x} {y} {z} {t[0]} {t[1]} {t[2]} 1 {number}.png\n\n")
+    (folder / "images.txt").write_text("".join(lines))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--binary", required=True)
+    parser.add_argument("--scene", type=pathlib.Path, required=True)
+    parser.add_argument("--spot", type=pathlib.Path)
+    parser.add_argument("--out", type=pathlib.Path, required=True)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        out = pathlib.Path(folder) / "rendered"
+        mesh = options.scene / "model" / "model.obj"
+        views = render(options.binary, mesh, options.scene / "cams", out, "--pixel-center", "integer")
+        rows, pictures = compare_views(views, out, options.scene)
+        write(options.out / "views.csv", rows)
+        write(options.out / "reference.csv", compare_reference(options.scene, out))
+        picture(options.out / "saharov.jpg", [pictures[number] for number in (0, 9)])
+    column = lambda name: np.array([row[name] for row in rows])
+    worst = np.maximum(abs(column("shift_x")), abs(column("shift_y")))
+    summary = {
+        "views": len(rows),
+        "mean_difference": column("mean_difference").mean(),
+        "largest_difference": column("mean_difference").max(),
+        "median_shift_x": np.median(column("shift_x")),
+        "median_shift_y": np.median(column("shift_y")),
+        "worst_view_shift": worst.max(),
+    }
+    write(options.out / "summary.csv", [summary])
+    print(json.dumps({name: float(value) for name, value in summary.items()}, indent=1))
+    if options.spot:
+        spot_picture(options.binary, options.spot, options.out / "spot.jpg")
+
+
+if __name__ == "__main__":
+    main()

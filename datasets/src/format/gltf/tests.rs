@@ -1,0 +1,187 @@
+//! Files are written here as JSON and bytes.
+
+use super::*;
+use glam::DVec3;
+
+/// A square of two triangles, positions then texture coordinates then indices in one buffer.
+fn buffer() -> Vec<u8> {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0f32]];
+    let mut bytes = Vec::new();
+    for [x, y] in corners {
+        bytes.extend([x, y, 0.0].into_iter().flat_map(f32::to_le_bytes));
+    }
+    for [u, v] in corners {
+        bytes.extend([u, v].into_iter().flat_map(f32::to_le_bytes));
+    }
+    bytes.extend([0u16, 1, 2, 0, 2, 3].into_iter().flat_map(u16::to_le_bytes));
+    bytes
+}
+
+const SQUARE: &str = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2,
+        "material": 0}]}],
+    "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 1]}}],
+    "accessors": [
+        {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+        {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 32},
+        {"buffer": 0, "byteOffset": 80, "byteLength": 12}],
+    "buffers": [{"byteLength": 92}]}"#;
+
+fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
+    let mut bytes = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+    for (kind, content, fill) in [(b"JSON", json.as_bytes(), b' '), (b"BIN\0", binary, 0)] {
+        let padded = content.len().next_multiple_of(4);
+        bytes.extend(u32::try_from(padded).unwrap().to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend(content);
+        bytes.resize(bytes.len() + padded - content.len(), fill);
+    }
+    bytes
+}
+
+fn read(json: &str) -> Result<GltfFile, FormatError> {
+    read_gltf(&glb(json, &buffer()), &|_| Err("no files here".into()))
+}
+
+#[test]
+fn a_square_is_two_triangles_with_an_srgb_color() {
+    let file = read(SQUARE).unwrap();
+    assert_eq!(file.vertices[2], DVec3::new(1.0, 1.0, 0.0));
+    assert_eq!(file.triangles, [[0, 1, 2], [0, 2, 3]]);
+    // Half the light is sRGB 188.
+    assert_eq!(file.materials[0].color, [255, 188, 0]);
+    assert!(file.notes.is_empty() && file.vertex_colors.is_none());
+}
+
+#[test]
+fn nodes_place_what_they_hold_in_f64_and_mirrors_turn_triangles() {
+    let nodes = r#""nodes": [{"children": [1], "translation": [451000.125, 5100000.0625, 0]},
+        {"mesh": 0, "scale": [-1, 2, 1], "rotation": [0, 0, 0.7071067811865476, 0.7071067811865476]}],"#;
+    let file = read(&SQUARE.replace(r#""nodes": [{"mesh": 0}],"#, nodes)).unwrap();
+    // (1, 0) is mirrored to (-1, 0), then turned by 90° to (0, -1).
+    let expected = DVec3::new(451_000.125, 5_099_999.0625, 0.0);
+    assert!(
+        (file.vertices[1] - expected).length() < 1e-9,
+        "{}",
+        file.vertices[1]
+    );
+    assert_eq!(file.triangles[0], [0, 2, 1]);
+    let [a, b, c] = file.triangles[0].map(|vertex| file.vertices[vertex as usize]);
+    assert!((b - a).cross(c - a).z > 0.0, "the front stays in front");
+}
+
+#[test]
+fn textures_lie_with_v_down_and_their_transform() {
+    let textured = SQUARE.replace(
+        r#""baseColorFactor": [1, 0.5, 0, 1]"#,
+        r#""baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform":
+            {"offset": [0.25, 0.5], "scale": [0.5, 0.5], "rotation": 1.5707963267948966}}}"#,
+    );
+    let textured = textured.replace(
+        r#""buffers""#,
+        r#""textures": [{"source": 0}], "images": [{"uri": "a%20b.png"}], "buffers""#,
+    );
+    let file = read(&textured).unwrap();
+    assert_eq!(file.images[&0], GltfImage::File("a b.png".into()));
+    // (1, 0) scaled to (0.5, 0), turned counter-clockwise as seen with v down to (0, -0.5).
+    let coord = file.texture_coords[0][1];
+    assert!((coord - Vec2::new(0.25, 1.0)).length() < 1e-6, "{coord}");
+    let inline = textured.replace("a%20b.png", "data:image/png;base64,aGFsbG8=");
+    assert_eq!(
+        read(&inline).unwrap().images[&0],
+        GltfImage::Bytes(b"hallo".to_vec())
+    );
+}
+
+#[test]
+fn strips_and_fans_are_cut_into_triangles_of_one_side() {
+    assert_eq!(
+        triangles(&[0, 1, 2, 3], Some(5), false),
+        [[0, 1, 2], [2, 1, 3]]
+    );
+    assert_eq!(
+        triangles(&[0, 1, 2, 3], Some(6), false),
+        [[0, 1, 2], [0, 2, 3]]
+    );
+    assert_eq!(triangles(&[0, 1, 2, 3], None, true), [[0, 2, 1]]);
+}
+
+#[test]
+fn what_cannot_be_read_gets_one_sentence() {
+    let swap = |from: &str, to: &str| {
+        assert!(SQUARE.contains(from), "{from}");
+        let error = read(&SQUARE.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(!error.contains('\n'), "{error}");
+        error
+    };
+    for (from, to, expected) in [
+        (
+            r#"{"asset""#,
+            r#"{"extensionsRequired": ["KHR_draco_mesh_compression"], "asset""#,
+            "Draco",
+        ),
+        (
+            r#""2.0""#,
+            r#""1.0""#,
+            "expected glTF 2.0, found version 1.0",
+        ),
+        (
+            r#""type": "VEC3""#,
+            r#""type": "VEC3", "sparse": {}"#,
+            "sparse",
+        ),
+        (
+            r#""count": 4, "type": "VEC3""#,
+            r#""count": 5, "type": "VEC3""#,
+            "found 48 bytes",
+        ),
+        (
+            r#""count": 4, "type": "VEC2""#,
+            r#""count": 3, "type": "VEC2""#,
+            "",
+        ),
+        (
+            r#""byteLength": 48"#,
+            r#""byteLength": 480"#,
+            "expected 480 bytes",
+        ),
+        (
+            r#""nodes": [{"mesh": 0}]"#,
+            r#""nodes": [{"mesh": 0, "children": [0]}]"#,
+            "two places",
+        ),
+        (r#""mesh": 0}"#, r#""mesh": 7}"#, "expected mesh 7"),
+        (
+            r#""indices": 2"#,
+            r#""indices": 0"#,
+            "expected vertex indices below 4",
+        ),
+        (
+            r#""bufferView": 0"#,
+            r#""normalized": false"#,
+            "expected a buffer view, found none",
+        ),
+        (r#""POSITION": 0, "#, "", "expected POSITION"),
+        (r#""indices": 2"#, r#""mode": 0"#, "expected triangles"),
+        (
+            r#"{"byteLength": 92}"#,
+            r#"{"uri": "gone.bin"}"#,
+            "no files here",
+        ),
+        (r#""asset""#, r#""asset"#, "expected a glTF"),
+    ] {
+        if expected.is_empty() {
+            continue; // Texture coordinates that no texture needs are not read.
+        }
+        let error = swap(from, to);
+        assert!(error.contains(expected), "{error}");
+    }
+    let whole = glb(SQUARE, &buffer());
+    let none = |_: &str| Err(String::new());
+    for length in [0, 3, 7, 19, 300, whole.len() - 1] {
+        assert!(read_gltf(&whole[..length], &none).is_err(), "{length}");
+    }
+}

@@ -1,0 +1,244 @@
+//! Texture images: each read once, all in parallel, within a bound of memory.
+
+use super::files::read_with;
+use super::materials::Draft;
+use super::mesh::ReadOptions;
+use crate::error::{Error, FormatError, Result};
+use crate::format::image;
+use crate::scene::{ColorImage, Cutout, Material, Raster};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What of an image is used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Use {
+    /// Its colours.
+    Color,
+    /// Its colours, each multiplied in linear light by a factor in units of 2⁻¹⁶.
+    Scaled([u32; 3]),
+    /// Its alpha channel; an image without one is solid.
+    Opacity,
+    /// Its alpha channel, else its brightness.
+    OpacityOrGray,
+}
+
+impl Use {
+    /// Colours multiplied by `factor`, linear.
+    pub(super) fn scaled(factor: [f64; 3]) -> Self {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to 0 … 2^16"
+        )]
+        let units = factor.map(|part| (part.clamp(0.0, 1.0) * 65536.0).round() as u32);
+        match units {
+            [65536, 65536, 65536] => Self::Color,
+            units => Self::Scaled(units),
+        }
+    }
+
+    /// Bytes per pixel once read.
+    fn bytes(self) -> u64 {
+        match self {
+            Self::Color | Self::Scaled(_) => 3,
+            Self::Opacity | Self::OpacityOrGray => 1,
+        }
+    }
+}
+
+/// Images that materials asked for, numbered in the order in which they were.
+#[derive(Debug, Default)]
+pub(super) struct Textures {
+    numbers: BTreeMap<(PathBuf, Use), usize>,
+    wanted: Vec<Wanted>,
+}
+
+#[derive(Debug)]
+struct Wanted {
+    /// A file, or what to call `bytes`.
+    path: PathBuf,
+    bytes: Option<Arc<[u8]>>,
+    used: Use,
+}
+
+impl Wanted {
+    fn with_bytes<T>(&self, read: impl FnOnce(&[u8]) -> Result<T, FormatError>) -> Result<T> {
+        match &self.bytes {
+            Some(bytes) => read(bytes).map_err(Error::in_file(&self.path)),
+            None => read_with(&self.path, read),
+        }
+    }
+
+    /// Bytes that the image takes once read; 0 for what cannot be read.
+    fn cost(&self) -> u64 {
+        let size = self.with_bytes(image::read_size);
+        size.map_or(0, |(width, height)| {
+            u64::from(width) * u64::from(height) * self.used.bytes()
+        })
+    }
+
+    fn read(&self) -> Result<Image> {
+        self.with_bytes(|bytes| match self.used {
+            Use::Color => Ok(Image::Color(Arc::new(image::read_color(bytes)?))),
+            Use::Scaled(factor) => {
+                let color = scaled(image::read_color(bytes)?, factor);
+                Ok(Image::Color(Arc::new(color)))
+            }
+            Use::Opacity => Ok(image::read_alpha(bytes)?
+                .map_or(Image::Solid, |alpha| Image::Opacity(Arc::new(alpha)))),
+            Use::OpacityOrGray => match image::read_alpha(bytes)? {
+                Some(alpha) => Ok(Image::Opacity(Arc::new(alpha))),
+                None => Ok(Image::Opacity(Arc::new(image::read_gray(bytes)?))),
+            },
+        })
+    }
+}
+
+enum Image {
+    Color(Arc<ColorImage>),
+    Opacity(Arc<Raster<u8>>),
+    Solid,
+}
+
+/// Images by their number; `None` where one could not be read.
+pub(super) struct Images(Vec<Option<Image>>);
+
+impl Textures {
+    /// The number of the image at `path`, or of the `bytes` that are called so.
+    pub(super) fn add(&mut self, path: PathBuf, bytes: Option<&[u8]>, used: Use) -> usize {
+        let next = self.wanted.len();
+        let number = *self.numbers.entry((path.clone(), used)).or_insert(next);
+        if number == next {
+            self.wanted.push(Wanted {
+                path,
+                bytes: bytes.map(Arc::from),
+                used,
+            });
+        }
+        number
+    }
+
+    /// Reads all images, several at a time. One that cannot be read is noted. Refuses, before any is
+    /// read, images that would take more memory than allowed.
+    pub(super) fn read(&self, options: &ReadOptions, notes: &mut Vec<String>) -> Result<Images> {
+        let costs: Vec<u64> = self.wanted.iter().map(Wanted::cost).collect();
+        let total: u64 = costs.iter().sum();
+        if total > options.texture_bytes {
+            let largest = (0..costs.len()).max_by_key(|&number| costs[number]);
+            let path = largest.map_or(Path::new(""), |number| &self.wanted[number].path);
+            let problem = format!(
+                "expected textures of at most {} MiB once decoded, found {} textures of {} MiB, of \
+                 which this is the largest: allow more (--texture-memory) or make them smaller",
+                options.texture_bytes >> 20,
+                costs.len(),
+                total.div_ceil(1 << 20)
+            );
+            return Err(Error::layout(path, problem));
+        }
+        let read = in_parallel(&self.wanted, options.threads.max(1), Wanted::read);
+        let images = read.into_iter().map(|image| {
+            image
+                .map_err(|error| notes.push(format!("{error}; the color of its material is shown")))
+                .ok()
+        });
+        Ok(Images(images.collect()))
+    }
+}
+
+/// `work` of each item, in their order, on several threads.
+fn in_parallel<T: Sync, R: Send>(items: &[T], threads: usize, work: fn(&T) -> R) -> Vec<R> {
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::with_capacity(items.len()));
+    let run = || {
+        while let Some((index, item)) = {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            items.get(index).map(|item| (index, item))
+        } {
+            let result = work(item);
+            done.lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push((index, result));
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..threads.min(items.len()) {
+            scope.spawn(run);
+        }
+        run();
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
+impl Images {
+    /// The material with its textures.
+    pub(super) fn finish(&self, draft: Draft) -> Material {
+        let image = |number: usize| self.0.get(number).and_then(Option::as_ref);
+        let mut material = draft.material;
+        if let Some(Image::Color(color)) = draft.texture.and_then(image) {
+            material.texture = Some(Arc::clone(color));
+        }
+        if let Some((number, cutoff)) = draft.opacity
+            && let Some(Image::Opacity(opacity)) = image(number)
+        {
+            #[allow(clippy::cast_possible_truncation, reason = "in 8-bit units")]
+            let cutoff = (255.0 * cutoff) as f32;
+            let opacity = Arc::clone(opacity);
+            material.cutout = Some(Cutout { opacity, cutoff });
+        }
+        material
+    }
+}
+
+/// The image with each channel multiplied in linear light.
+fn scaled(mut image: ColorImage, factor: [u32; 3]) -> ColorImage {
+    let tables = factor.map(|factor| {
+        let factor = f64::from(factor) / 65536.0;
+        std::array::from_fn::<u8, 256, _>(|level| {
+            let value = level as f64 / 255.0;
+            let linear = match value <= 0.040_45 {
+                true => value / 12.92,
+                false => ((value + 0.055) / 1.055).powf(2.4),
+            };
+            crate::format::gltf::byte_of_linear(linear * factor)
+        })
+    });
+    for pixel in image.values_mut() {
+        *pixel = std::array::from_fn(|channel| tables[channel][usize::from(pixel[channel])]);
+    }
+    image
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_factor_of_one_keeps_every_level_and_half_is_half_the_light() {
+        let levels = (0..=255u8).map(|level| [level; 3]).collect();
+        let ramp = Raster::from_values(256, 1, levels).unwrap();
+        assert_eq!(scaled(ramp.clone(), [65536; 3]), ramp);
+        let half = scaled(ramp, [32768; 3]);
+        // sRGB 188 is half the light of white.
+        assert_eq!(half.get(255, 0), [188; 3]);
+        assert_eq!(Use::scaled([1.0; 3]), Use::Color);
+    }
+
+    #[test]
+    fn results_stand_in_order_at_any_number_of_threads() {
+        let items: Vec<usize> = (0..100).collect();
+        for threads in [1, 2, 7] {
+            let squares = in_parallel(&items, threads, |item| item * item);
+            assert!(
+                squares
+                    .iter()
+                    .enumerate()
+                    .all(|(i, square)| *square == i * i)
+            );
+        }
+        assert!(in_parallel(&[], 3, |item: &usize| *item).is_empty());
+    }
+}
