@@ -521,13 +521,13 @@ fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
     fuse(&exact, false).unwrap();
     let truth = FinitePoints::new(files::read_cloud(&exact.out).unwrap().positions().to_vec());
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
-    // Every eighth pixel or so is gone, as after a confidence filter.
+    // Every fifth pixel or so is gone, as after a confidence filter.
     for view in scene.scene().views() {
         let path = job.depths.join(mvsnet::file_name(view.id, ".pfm"));
         let mut map = files::read_raster(&path).unwrap();
         for (at, depth) in map.values_mut().iter_mut().enumerate() {
             let hash = (at as u32 ^ (view.id << 20)).wrapping_mul(2_654_435_761) >> 16;
-            if hash % 8 == 0 {
+            if hash % 5 == 0 {
                 *depth = 0.0;
             }
         }
@@ -535,8 +535,8 @@ fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
     }
     job.fuse.min_sources = 3;
     job.fuse.soften = false;
-    // About a third of what a pixel spans.
-    let tau = mvs_metrics::Tolerance::new(0.012).unwrap();
+    // About a pixel: what is missing is surface that no pixel gives.
+    let tau = mvs_metrics::Tolerance::new(0.02).unwrap();
     let [valid, plain] = [Sampling::Valid, Sampling::Plain].map(|sampling| {
         job.fuse.sampling = sampling;
         fuse(&job, true).unwrap();
@@ -547,5 +547,5 @@ fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
         (score.precision(), score.recall())
     });
     assert!(valid.1 > plain.1 + 0.15, "{valid:?} {plain:?}");
-    assert!(valid.0 > plain.0 - 0.005, "{valid:?} {plain:?}");
+    assert!((valid.0 - plain.0).abs() < 0.005, "{valid:?} {plain:?}");
 }
