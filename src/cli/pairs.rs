@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// By MVSNet's score over the points that two views share: best at an angle of 5 degrees between
 /// their lines of sight. With a mesh, what it hides is not shared.
 ///
-/// Example: mvs-eval pairs --cameras sparse/0 --out cams/pair.txt
+/// Example: mvs-eval pairs --cameras sparse/0 --out pair.txt
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct PairsArgs {
     /// A folder with a COLMAP model (binary or text); with --mesh, cameras of any kind
@@ -21,7 +21,7 @@ pub(crate) struct PairsArgs {
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     mesh: Vec<PathBuf>,
-    /// The pair.txt to write
+    /// The pair.txt to write; its run.toml stands beside it, which strict loaders do not want in cams/
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
