@@ -2,7 +2,7 @@
 
 use super::Context;
 use crate::config::Size;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::generate::Fit;
 use glam::DVec2;
 use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
@@ -118,17 +118,6 @@ fn mapped(scene: Scene, change: impl Fn(&View) -> Result<View>) -> Result<Scene>
     Ok(Scene::new(views)?.with_sources(sources)?)
 }
 
-/// Checks that no camera has a lens: renders are made without one, and a `cam.txt` cannot hold it.
-pub fn check_no_lens(scene: &Scene) -> Result<()> {
-    let mut views = scene.views().iter();
-    let Some(view) = views.find(|view| view.camera.distortion() != Distortion::None) else {
-        return Ok(());
-    };
-    let problem = "expected a camera without lens distortion, found one with; undistort photographs \
-                   and cameras first";
-    Err(Error::invalid(format!("view {}", view.id), problem))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -177,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_is_refused_by_view() {
+    fn lenses_are_counted_and_taken_off() {
         let radial = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0];
         let lens = Distortion::RadialTangential {
             radial,
@@ -192,13 +181,10 @@ mod tests {
             depth_range: None,
         };
         let plain = Scene::new(vec![view(3, camera)]).unwrap();
-        assert!(check_no_lens(&plain).is_ok());
         assert_eq!(lens_count(&plain), 0);
         let bent = view(7, camera.with_distortion(lens).unwrap());
         let bent = Scene::new(vec![view(3, camera), bent]).unwrap();
         assert_eq!(lens_count(&bent), 1);
-        let error = check_no_lens(&bent).unwrap_err();
-        assert!(error.to_string().contains("view 7"), "{error}");
         let straight = without_lenses(bent).unwrap();
         assert_eq!(
             (lens_count(&straight), straight.views()[1].camera),
