@@ -11,8 +11,10 @@ and a picture of photograph, render and four times their difference.
 
 import argparse
 import csv
+import itertools
 import json
 import pathlib
+import shutil
 import subprocess
 import tempfile
 
@@ -82,13 +84,22 @@ def compare_views(views, out, scene):
     return rows, pictures
 
 
-def compare_reference(scene, out):
+def compare_reference(binary, mesh, scene, folder):
+    """The reference's views, with backs of triangles left out and with both sides seen."""
     rows = []
-    for path in sorted((scene / "reference" / "depth").glob("*.pfm")):
+    paths = sorted((scene / "reference" / "depth").glob("*.pfm"))
+    (folder / "cams").mkdir()
+    for path in paths:
+        shutil.copy(scene / "cams" / f"{path.stem}_cam.txt", folder / "cams")
+    for path, backs in itertools.product(paths, ("invalid", "valid")):
+        out = folder / backs
+        if not out.exists():
+            more = ("--pixel-center", "integer", "--back-faces", backs, "--samples", "1")
+            render(binary, mesh, folder / "cams", out, *more)
         truth, found = read_pfm(path), read_pfm(out / "depth" / path.name)
         both = (truth > 0) & (found > 0)
         relative = np.abs(found[both] / truth[both] - 1)
-        row = {"view": int(path.stem), "reference_pixels": int((truth > 0).sum()), "pixels": int((found > 0).sum())}
+        row = {"view": int(path.stem), "back_faces": backs, "reference_pixels": int((truth > 0).sum()), "pixels": int((found > 0).sum())}
         row["only_reference"] = int(((truth > 0) & (found == 0)).sum())
         row["only_ours"] = int(((truth == 0) & (found > 0)).sum())
         row |= {f"q{q}": float(np.quantile(relative, q)) for q in QUANTILES}
@@ -174,7 +185,8 @@ def main():
         views = render(options.binary, mesh, options.scene / "cams", out, "--pixel-center", "integer")
         rows, pictures = compare_views(views, out, options.scene)
         write(options.out / "views.csv", rows)
-        write(options.out / "reference.csv", compare_reference(options.scene, out))
+        reference = compare_reference(options.binary, mesh, options.scene, pathlib.Path(folder))
+        write(options.out / "reference.csv", reference)
         picture(options.out / "saharov.jpg", [pictures[number] for number in (0, 9)])
     column = lambda name: np.array([row[name] for row in rows])
     worst = np.maximum(abs(column("shift_x")), abs(column("shift_y")))
