@@ -1,6 +1,6 @@
 """Times the whole Tanks and Temples job of mvs-eval against the same pipeline on Open3D 0.20.
 
-usage: python benches/score_job.py --binary target/release/mvs-eval --out FOLDER [--points N …]
+usage: python benches/score_job.py --binary target/release/mvs-eval --out FOLDER [--points N …] [--alone N …]
 
 Both run in their own process, pinned to one thread, on the same files: read the clouds, align by
 RANSAC over the camera centres and three ICP stages (profile official), crop, voxels, distances both
@@ -12,7 +12,6 @@ import argparse
 import csv
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -127,15 +126,16 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--binary")
     parser.add_argument("--out")
-    parser.add_argument("--points", type=int, nargs="+", default=[1_000_000])
+    parser.add_argument("--points", type=int, nargs="*", default=[1_000_000])
+    parser.add_argument("--alone", type=int, nargs="*", default=[], help="points a side timed without Open3D")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--open3d", nargs=2, metavar=("FOLDER", "TAU"))
     args = parser.parse_args()
     if args.open3d:
         return run_open3d(args.open3d[0], float(args.open3d[1]))
     env = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1"}
-    rows = []
-    for count in args.points:
+    rows, tools = [], ("mvs-eval", "open3d")
+    for count in args.points + args.alone:
         with tempfile.TemporaryDirectory() as folder:
             tau = scene(folder, count)
             for repeat in range(args.repeats):
@@ -144,22 +144,38 @@ def main():
                         "--tau", repr(float(tau)), "--profile", "official", "--one-profile",
                         "--threads", "1", "--force", "--format", "json", "--out", f"{folder}/out"]
                 theirs = [sys.executable, __file__, "--open3d", folder, repr(float(tau))]
-                for tool, command in (("mvs-eval", ours), ("open3d", theirs)):
+                for tool, command in zip(tools, (ours, theirs)[:2 if count in args.points else 1]):
                     row = {"points": count, "tool": tool, "repeat": repeat, **measured(command, env)}
                     print(row, flush=True)
                     rows.append(row)
     os.makedirs(args.out, exist_ok=True)
-    with open(f"{args.out}/score_job.csv", "w", newline="", encoding="utf-8") as file:
+    write_rows(f"{args.out}/score_job.csv", rows)
+    medians, growth = [], []
+    for count in args.points + args.alone:
+        def median(tool, key):
+            return float(np.median([r[key] for r in rows if r["points"] == count and r["tool"] == tool]))
+        keys = ("cpu_s", "peak_mib", "f_score")
+        mine = {key: median("mvs-eval", key) for key in keys}
+        growth.append({"points": count, "cpu_s": mine["cpu_s"], "us_per_point": mine["cpu_s"] / count * 1e6,
+                       "peak_mib": mine["peak_mib"], "bytes_per_point": mine["peak_mib"] * 2**20 / count})
+        if count in args.points:
+            peer = {key: median("open3d", key) for key in keys}
+            medians.append({"points": count, "cpu_s": mine["cpu_s"], "open3d_cpu_s": peer["cpu_s"],
+                            "cpu_ratio": peer["cpu_s"] / mine["cpu_s"], "peak_mib": mine["peak_mib"],
+                            "open3d_peak_mib": peer["peak_mib"],
+                            "peak_ratio": peer["peak_mib"] / mine["peak_mib"],
+                            "f_score": mine["f_score"], "open3d_f_score": peer["f_score"]})
+            print(medians[-1])
+    if medians:
+        write_rows(f"{args.out}/medians.csv", medians)
+    write_rows(f"{args.out}/growth.csv", sorted(growth, key=lambda row: row["points"]))
+
+
+def write_rows(path, rows):
+    with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=rows[0].keys())
         writer.writeheader()
         writer.writerows(rows)
-    for count in args.points:
-        median = {(tool, key): float(np.median([r[key] for r in rows
-                                                if r["points"] == count and r["tool"] == tool]))
-                  for tool in ("mvs-eval", "open3d") for key in ("cpu_s", "peak_mib", "f_score")}
-        print(f"{count} points, {platform.processor() or platform.machine()}: CPU "
-              f"{median['open3d', 'cpu_s'] / median['mvs-eval', 'cpu_s']:.1f} x, memory "
-              f"{median['open3d', 'peak_mib'] / median['mvs-eval', 'peak_mib']:.1f} x", median)
 
 
 if __name__ == "__main__":

@@ -95,7 +95,7 @@ fn bin_of(edges: &[f64], distance: f64) -> Option<usize> {
     if distance == last {
         return Some(edges.len() - 2);
     }
-    if !(first <= distance && distance < last) {
+    if !(first..last).contains(&distance) {
         return None;
     }
     // Where the edges are evenly spaced, as the toolbox's, the first guess is off by one at most.

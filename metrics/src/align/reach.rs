@@ -72,7 +72,7 @@ impl Reach {
     /// distance that is not below, or infinity.
     pub(super) fn nearest_square(&self, place: DVec3) -> f64 {
         let cell = self.cell(place);
-        let inside = |axis: usize| cell[axis] >= 0.0 && cell[axis] < self.cells[axis] as f64;
+        let inside = |axis: usize| (0.0..self.cells[axis] as f64).contains(&cell[axis]);
         if !(inside(0) && inside(1) && inside(2)) {
             return f64::INFINITY;
         }
@@ -133,7 +133,8 @@ mod tests {
             DVec3::NEG_INFINITY,
             DVec3::X,
         ] {
-            assert!(!(grid.nearest_square(place) < 0.25), "{place}");
+            let near = grid.nearest_square(place) < 0.25;
+            assert!(!near, "{place}");
         }
         assert_eq!(grid.nearest_square(DVec3::X * 0.25), 0.0625);
     }

@@ -20,6 +20,10 @@ pub(super) type Corners = (DVec3, DVec3);
 pub(super) const NOWHERE: Corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 /// The least and the largest of a column.
+#[allow(
+    clippy::needless_range_loop,
+    reason = "one index runs over three arrays"
+)]
 #[inline(always)]
 fn range(column: &[f64; LANES]) -> (f64, f64) {
     let (mut least, mut largest) = ([column[0]; 4], [column[0]; 4]);
