@@ -161,7 +161,7 @@ mod tests {
         };
         assert_eq!(at(0.03, 0.75), LINES[1]);
         assert_eq!(at(0.025, 0.5), LINES[2]);
-        assert_eq!(at(0.03, 0.9), PAGE);
+        assert_eq!(at(0.035, 0.9), PAGE);
         assert_eq!(at(0.01, 0.75), LINES[1], "the dot at the threshold");
         let dashed = (0..100)
             .map(|i| at(0.01, f64::from(i) / 100.0))
