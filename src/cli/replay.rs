@@ -1,7 +1,7 @@
 use super::common::{Global, Verdict};
 use super::{
     augment, blend, demo, depth, extremes, fuse, generate, output, pairs, render, report, score,
-    verify,
+    tradeoff, verify,
 };
 use clap::Args;
 use mvs_eval::config;
@@ -42,6 +42,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "extremes" => extremes::execute(&config::resolve(layers)?, global),
         "blend" => blend::execute(&config::resolve(layers)?, global),
         "generate" => generate::execute(&config::resolve(layers)?, global),
+        "tradeoff" => tradeoff::execute(&config::resolve(layers)?, global),
         "verify" => verify::execute(&config::resolve(layers)?, global),
         "report" => report::execute(&config::resolve(layers)?, global),
         "render" => render::execute(&config::resolve(layers)?, global),
