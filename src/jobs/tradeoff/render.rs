@@ -18,7 +18,6 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
     };
     let camera = CameraOptions::default();
     let scene = cameras::read(path, (job.pixel_center, &camera), job.size, context)?;
-    cameras::check_no_lens(&scene)?;
     let views: Vec<View> = picked(scene.views(), job.views).cloned().collect();
     let loaded = mesh::read_meshes(&job.mesh)?;
     let renderer = Renderer::new(&loaded.mesh)?;
