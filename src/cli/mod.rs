@@ -20,6 +20,7 @@ mod render;
 mod replay;
 mod report;
 mod score;
+mod tradeoff;
 mod verify;
 
 use clap::{Parser, Subcommand};
@@ -62,6 +63,7 @@ enum Command {
     Report(report::ReportArgs),
     Compare(compare::CompareArgs),
     Depth(depth::DepthArgs),
+    Tradeoff(tradeoff::TradeoffArgs),
     Verify(verify::VerifyArgs),
     Render(render::RenderArgs),
     Augment(augment::AugmentArgs),
@@ -107,6 +109,7 @@ fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {
         Command::Report(args) => report::run(args, global),
         Command::Compare(args) => compare::run(args, global),
         Command::Depth(args) => depth::run(args, global),
+        Command::Tradeoff(args) => tradeoff::run(args, global),
         Command::Verify(args) => verify::run(args, global),
         Command::Render(args) => render::run(args, global),
         Command::Fuse(args) => fuse::run(args, global),

@@ -1,6 +1,10 @@
 use super::common::{Global, Verdict};
 use super::{
+<<<<<<< HEAD
     augment, blend, demo, depth, extremes, fuse, generate, output, pairs, render, report, score,
+=======
+    augment, blend, demo, depth, fuse, generate, output, pairs, render, report, score, tradeoff,
+>>>>>>> c2fcf6d (Reports as one page, the trade of speed for accuracy measured, READMEs made from records)
     verify,
 };
 use clap::Args;
@@ -42,6 +46,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "extremes" => extremes::execute(&config::resolve(layers)?, global),
         "blend" => blend::execute(&config::resolve(layers)?, global),
         "generate" => generate::execute(&config::resolve(layers)?, global),
+        "tradeoff" => tradeoff::execute(&config::resolve(layers)?, global),
         "verify" => verify::execute(&config::resolve(layers)?, global),
         "report" => report::execute(&config::resolve(layers)?, global),
         "render" => render::execute(&config::resolve(layers)?, global),

@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 
 /// Join records into leaderboards
 ///
-/// Writes results.csv (all records in long form) and leaderboard.csv, .md and .tex in the style of
+/// Writes index.html (one page that opens from disk: leaderboards to sort, and of the score folders
+/// that the records lie in the curves, error histograms and clouds to turn in 3-D), results.csv (all
+/// records in long form) and leaderboard.csv, .md and .tex in the style of
 /// the benchmark's site, leaderboard_paper.csv, .md and .tex in the style of papers. Records of
 /// different protocols, profiles or thresholds never share a table.
 ///
@@ -29,6 +31,13 @@ pub(crate) struct ReportArgs {
     /// The folder to write
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// The page's heading
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+    /// PNG or JPEG pictures for the page, such as a demo's contact sheet
+    #[arg(long = "picture", value_name = "FILE", num_args = 1..)]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pictures: Vec<PathBuf>,
     /// Check a published table instead
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["records", "out"])]
     #[serde(skip)]
@@ -37,11 +46,15 @@ pub(crate) struct ReportArgs {
     #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["records", "out", "check"])]
     #[serde(skip)]
     folder: Vec<PathBuf>,
+    /// With --folder: also put its first table and its pictures into this Markdown file
+    #[arg(long, value_name = "README", requires = "folder")]
+    #[serde(skip)]
+    into: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &ReportArgs, global: &Global) -> anyhow::Result<Verdict> {
     if !args.folder.is_empty() {
-        return folders(&args.folder, global);
+        return folders(&args.folder, args.into.as_deref(), global);
     }
     match &args.check {
         Some(path) => check(path, global),
@@ -49,9 +62,12 @@ pub(crate) fn run(args: &ReportArgs, global: &Global) -> anyhow::Result<Verdict>
     }
 }
 
-fn folders(paths: &[PathBuf], global: &Global) -> anyhow::Result<Verdict> {
+fn folders(paths: &[PathBuf], into: Option<&Path>, global: &Global) -> anyhow::Result<Verdict> {
     for path in paths {
         report_folder::run(path, global.force)?;
+        if let Some(page) = into {
+            report_folder::splice(page, path)?;
+        }
     }
     let written: Vec<String> = paths
         .iter()

@@ -23,6 +23,7 @@ pub mod report;
 pub mod report_folder;
 pub mod score;
 pub mod score_all;
+pub mod tradeoff;
 pub mod verify;
 
 pub use out::{OutDir, check_out_file, run_file_beside};

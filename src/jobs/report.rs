@@ -1,5 +1,7 @@
 //! `mvs-eval report`: records → leaderboards.
 
+mod page;
+
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
 use crate::provenance::{self, Run};
@@ -10,6 +12,7 @@ use crate::report::table::Table;
 use crate::report::{table_csv, table_md, table_tex};
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// File names under which records are looked for in folders.
@@ -23,6 +26,10 @@ pub struct ReportJob {
     pub records: Vec<PathBuf>,
     /// The folder to write.
     pub out: PathBuf,
+    /// The page's heading.
+    pub title: Option<String>,
+    /// PNG or JPEG pictures for the page.
+    pub pictures: Vec<PathBuf>,
 }
 
 /// What was reported.
@@ -36,14 +43,22 @@ pub struct ReportOutcome {
     pub tables: Vec<Table>,
 }
 
-/// Joins the records and writes `results.csv` and the leaderboards.
+/// Joins the records and writes `results.csv`, the leaderboards and the page `index.html`, which also
+/// shows the curves, errors and clouds of the score folders that the records lie in.
 pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     let (files, records) = read_all(&job.records)?;
     let boards = leaderboard::boards(&records)?;
-    let inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    let mut inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    inputs.extend(job.pictures.iter().map(PathBuf::as_path));
     let out = OutDir::create(&job.out, Run::new("report", job, &inputs)?, context.force)?;
     out.write("results.csv", |file| record::write(file, &records))?;
     let tables = write_tables(&out, &boards)?;
+    context.progress.begin("page", 1);
+    let (page, still) = page::of(job, &files, &tables)?;
+    out.write("index.html", |file| file.write_all(page.as_bytes()))?;
+    if let Some(png) = still {
+        out.write("errors.png", |file| file.write_all(&png))?;
+    }
     out.finish()?;
     Ok(ReportOutcome {
         records: records.len(),

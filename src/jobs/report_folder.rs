@@ -6,23 +6,71 @@ use mvs_datasets::layout::files;
 use std::io::Write;
 use std::path::Path;
 
-/// The README that the folder's `run.toml` and CSV files make. Every file that the record names
-/// must be there.
-pub fn render(folder: &Path) -> Result<String> {
+/// A folder's record and CSV files. Every file that the record names must be there.
+fn read(folder: &Path) -> Result<(Folder, Vec<Csv>)> {
     let path = folder.join("run.toml");
-    let in_record = |error: Error| Error::invalid(path.display().to_string(), error.to_string());
-    let record = Folder::parse(&files::read_text(&path)?).map_err(in_record)?;
+    let record = Folder::parse(&files::read_text(&path)?).map_err(in_record(folder))?;
     if let Some(gone) = record.files().find(|name| !folder.join(name).is_file()) {
         let problem = format!("expected the file {gone} beside it, found none");
         return Err(Error::invalid(path.display().to_string(), problem));
     }
     let read = |name: &str| files::read_with(&folder.join(name), Csv::parse);
-    let tables: Vec<Csv> = record
+    let tables = record
         .tables
         .iter()
         .map(|table| read(&table.file))
         .collect::<Result<_, _>>()?;
-    record.readme(&tables).map_err(in_record)
+    Ok((record, tables))
+}
+
+/// Names the folder's record in an error.
+fn in_record(folder: &Path) -> impl Fn(Error) -> Error {
+    let path = folder.join("run.toml").display().to_string();
+    move |error| Error::invalid(path.clone(), error.to_string())
+}
+
+/// The README that the folder's `run.toml` and CSV files make.
+pub fn render(folder: &Path) -> Result<String> {
+    let (record, tables) = read(folder)?;
+    record.readme(&tables).map_err(in_record(folder))
+}
+
+/// The text of `page`, a Markdown file in a folder above, with the folder's first table and its
+/// pictures between the lines `<!-- begin BASE -->` and `<!-- end BASE -->`, where BASE is the path
+/// from the page to the folder.
+pub fn spliced(page: &Path, folder: &Path) -> Result<String> {
+    let root = page.parent().unwrap_or(Path::new(""));
+    let base = folder.strip_prefix(root).unwrap_or(folder);
+    let base = base
+        .to_string_lossy()
+        .trim_end_matches('/')
+        .replace('\\', "/");
+    let text = files::read_text(page)?;
+    let (begin, end) = (
+        format!("<!-- begin {base} -->\n"),
+        format!("<!-- end {base} -->"),
+    );
+    let places = text
+        .find(&begin)
+        .map(|at| at + begin.len())
+        .zip(text.find(&end));
+    let Some((from, to)) = places.filter(|(from, to)| from <= to) else {
+        let problem = format!(
+            "expected the lines {} and {end}, found none",
+            begin.trim_end()
+        );
+        return Err(Error::invalid(page.display().to_string(), problem));
+    };
+    let (record, tables) = read(folder)?;
+    let excerpt = record.excerpt(&base, &tables).map_err(in_record(folder))?;
+    Ok(format!("{}\n{excerpt}\n{}", &text[..from], &text[to..]))
+}
+
+/// Writes [`spliced`] into the page.
+pub fn splice(page: &Path, folder: &Path) -> Result<()> {
+    let text = spliced(page, folder)?;
+    files::write_atomically(page, |out| out.write_all(text.as_bytes()))?;
+    Ok(())
 }
 
 /// Writes the folder's `README.md`; one that was written by hand is replaced only with `force`.

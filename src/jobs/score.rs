@@ -126,6 +126,11 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     Ok(document)
 }
 
+/// The unit of a protocol's distances.
+pub(super) fn unit_of(protocol: Protocol) -> &'static str {
+    row::unit_of(protocol)
+}
+
 /// The rows of `scores.csv`, one per tolerance.
 pub fn records(document: &ScoreDocument) -> Vec<Record> {
     row::records(document)

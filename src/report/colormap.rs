@@ -21,6 +21,21 @@ pub fn hot_r(value: f64) -> [u8; 3] {
     ]
 }
 
+/// The page's colour for an error, 0 (blue, over green and yellow at a third) to 1 and above (red), as
+/// 8-bit sRGB. `page.js` and `page.css` have the same anchors.
+pub fn error(value: f64) -> [u8; 3] {
+    let ramp = |values: [f64; 5]| {
+        let places = [0.0, 0.17, 0.33, 0.6, 1.0];
+        let anchors: Vec<(f64, f64)> = places.into_iter().zip(values).collect();
+        byte(interpolated(&anchors, value.clamp(0.0, 1.0)))
+    };
+    [
+        ramp([0.227, 0.31, 0.949, 0.941, 0.839]),
+        ramp([0.561, 0.765, 0.878, 0.533, 0.149]),
+        ramp([0.839, 0.631, 0.353, 0.227, 0.235]),
+    ]
+}
+
 /// A colour of evenly rising lightness for `value` from 0 (dark blue) to 1 (light yellow), clamped,
 /// as 8-bit sRGB; black for NaN, which stands for no value.
 ///

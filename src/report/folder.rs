@@ -124,6 +124,32 @@ impl Folder {
         tables.chain(self.pictures.iter().map(|picture| picture.file.as_str()))
     }
 
+    /// The first table that is shown and all pictures, for a README elsewhere: `base` is the path
+    /// from there to this folder. `tables` as for [`Self::readme`].
+    pub fn excerpt(&self, base: &str, tables: &[Csv]) -> Result<String> {
+        let mut text = String::new();
+        for (table, csv) in self.tables.iter().zip(tables) {
+            let shown = table.shown(csv)?;
+            if !shown.is_empty() {
+                let (caption, file) = (table.caption.trim(), &table.file);
+                push(
+                    &mut text,
+                    format_args!("{caption} ([{file}]({base}/{file}))"),
+                );
+                text.push_str(&shown);
+                break;
+            }
+        }
+        for PictureOf { file, caption } in &self.pictures {
+            let caption = caption.trim();
+            push(
+                &mut text,
+                format_args!("\n![{caption}]({base}/{file})\n\n{caption}"),
+            );
+        }
+        Ok(text)
+    }
+
     /// The README; `tables` are the contents of the CSV files, in the record's order. Only what is
     /// shown is rounded.
     pub fn readme(&self, tables: &[Csv]) -> Result<String> {

@@ -27,6 +27,8 @@ pub struct Page<'a> {
     pub plots: &'a [Plot],
     /// Clouds to turn in 3-D.
     pub clouds: &'a [ErrorCloud<'a>],
+    /// The first cloud as a PNG, for readers without scripts or WebGL.
+    pub still: Option<&'a [u8]>,
     /// Pictures.
     pub pictures: &'a [Picture],
     /// Names and values: command, revision, machine, inputs.
@@ -93,17 +95,16 @@ pub fn html(page: &Page) -> Result<String> {
             format_args!("<p class=\"lead\">{}</p>", escaped(page.lead)),
         );
     }
-    for table in page.tables {
-        push_table(&mut text, table);
-    }
+    push_tables(&mut text, page.tables);
     push_plots(&mut text, page.plots);
-    push_clouds(&mut text, page.clouds)?;
+    push_clouds(&mut text, page.clouds, page.still)?;
     push_pictures(&mut text, page.pictures);
     push_provenance(&mut text, page.provenance);
     push(
         &mut text,
         format_args!(
-            "</main>\n<script>\n{}</script>\n</body>\n</html>",
+            "</main>\n<noscript><p class=\"note\">Scripts are off: tables cannot be sorted and clouds \
+             cannot be turned; all numbers are here.</p></noscript>\n<script>\n{}</script>\n</body>\n</html>",
             include_str!("page.js")
         ),
     );
@@ -123,11 +124,28 @@ fn push(text: &mut String, line: std::fmt::Arguments) {
     text.push('\n');
 }
 
+fn push_tables(text: &mut String, tables: &[Table]) {
+    if tables.is_empty() {
+        return;
+    }
+    push(
+        text,
+        format_args!("<h2>Leaderboards</h2>\n<div class=\"tables\">"),
+    );
+    for table in tables {
+        let class = if table.header.len() > 6 { "wide" } else { "" };
+        push(text, format_args!("<section class=\"{class}\">"));
+        push_table(text, table);
+        push(text, format_args!("</section>"));
+    }
+    push(text, format_args!("</div>"));
+}
+
 fn push_table(text: &mut String, table: &Table) {
     let sortable = table.rows_per_method <= 1;
     let class = if sortable { " class=\"sortable\"" } else { "" };
     let title = escaped(&table.title);
-    push(text, format_args!("<h2>{title}</h2>"));
+    push(text, format_args!("<h3>{title}</h3>"));
     push(
         text,
         format_args!(
@@ -226,7 +244,7 @@ fn push_provenance(text: &mut String, provenance: &[(String, String)]) {
     push(text, format_args!("</dl>"));
 }
 
-fn push_clouds(text: &mut String, clouds: &[ErrorCloud]) -> Result<()> {
+fn push_clouds(text: &mut String, clouds: &[ErrorCloud], still: Option<&[u8]>) -> Result<()> {
     if clouds.is_empty() {
         return Ok(());
     }
@@ -257,8 +275,10 @@ fn push_clouds(text: &mut String, clouds: &[ErrorCloud]) -> Result<()> {
     let facts = facts.replace('<', "\\u003c");
     push(
         text,
-        format_args!("<h2>Errors in 3-D</h2>\n{VIEWER_HEAD}{options}{VIEWER_TAIL}"),
+        format_args!("<h2>Errors in 3-D</h2>\n<div class=\"viewer\">"),
     );
+    push_still(text, &clouds[0], still);
+    push(text, format_args!("{VIEWER_HEAD}{options}{VIEWER_TAIL}"));
     push(
         text,
         format_args!("<script type=\"application/json\" id=\"clouds\">{facts}</script>\n{data}"),
@@ -266,15 +286,30 @@ fn push_clouds(text: &mut String, clouds: &[ErrorCloud]) -> Result<()> {
     Ok(())
 }
 
-const VIEWER_HEAD: &str = "<div class=\"viewer\">\n\
-<canvas tabindex=\"0\" role=\"img\" aria-label=\"Point cloud coloured by error. Arrow keys turn it, plus and minus zoom.\"></canvas>\n\
-<p class=\"fallback note\" hidden>This browser has no WebGL 2; the PLY files of this result hold the same clouds.</p>\n\
-<div class=\"controls\">\n<label>Cloud <select>\n";
+/// What stands in the viewer's place until its script takes over.
+fn push_still(text: &mut String, cloud: &ErrorCloud, still: Option<&[u8]>) {
+    let name = escaped(cloud.name);
+    let picture = still.map_or_else(String::new, |png| {
+        let data = base64(png);
+        format!("<img alt=\"{name}, coloured by error\" src=\"data:image/png;base64,{data}\">")
+    });
+    push(
+        text,
+        format_args!(
+            "<figure class=\"fallback\">{picture}<figcaption>{name}. Without scripts and WebGL 2 the \
+             cloud stands still; the PLY files of this result hold all of it.</figcaption></figure>"
+        ),
+    );
+}
+
+const VIEWER_HEAD: &str = "\
+<canvas hidden tabindex=\"0\" role=\"img\" aria-label=\"Point cloud coloured by error. Arrow keys turn it, plus and minus zoom.\"></canvas>\n\
+<div class=\"controls\" hidden>\n<label>Cloud <select>\n";
 const VIEWER_TAIL: &str = "</select></label>\n\
-<label>Full colour at <input type=\"range\" min=\"0.25\" max=\"3\" step=\"0.05\" value=\"3\"> <output></output></label>\n\
+<label>Full colour at <input type=\"range\" min=\"0.25\" max=\"3\" step=\"0.05\" value=\"1\"> <output></output></label>\n\
 <button class=\"plain\" aria-pressed=\"false\">Turn</button>\n\
 <div class=\"legend\"><i></i><span><b>0</b><b></b></span></div>\n</div>\n</div>\n\
-<p class=\"note\">Drag or use the arrow keys to turn, scroll or + and − to zoom. Larger clouds are thinned to every k-th point in Morton order.</p>";
+<p class=\"note\">Drag or use the arrow keys to turn, scroll or + and − to zoom. A cloud of more than its share of points (200 000, or 1 000 000 over all clouds of the page) is thinned to every k-th in Morton order, which keeps its density; the PLY files hold all of them.</p>";
 
 fn check(cloud: &ErrorCloud) -> Result<()> {
     let (points, distances) = (cloud.positions.len(), cloud.distances.len());

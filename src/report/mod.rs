@@ -3,6 +3,7 @@
 mod canvas;
 pub mod check;
 mod cloud_payload;
+pub mod cloud_picture;
 pub mod colormap;
 pub mod compare;
 pub mod contact_sheet;

@@ -77,11 +77,9 @@
     var ends = box.querySelectorAll(".legend span b"), turn = box.querySelector("button");
     var clouds = JSON.parse(document.getElementById("clouds").textContent);
     var gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
-    if (!gl) {
-      box.querySelector(".fallback").hidden = false;
-      canvas.hidden = true;
-      return Promise.resolve("no WebGL 2");
-    }
+    if (!gl) { return Promise.resolve("no WebGL 2"); }
+    box.querySelector(".fallback").hidden = true;
+    canvas.hidden = box.querySelector(".controls").hidden = false;
     function shader(kind, source) {
       var made = gl.createShader(kind);
       gl.shaderSource(made, source);
@@ -105,7 +103,7 @@
     ["view", "middle", "scale", "full", "size"].forEach(function (uniform) {
       at[uniform] = gl.getUniformLocation(program, uniform);
     });
-    var count = 0, cloud = null, yaw = 0.7, pitch = 0.55, distance = 1.55, spinning = false;
+    var count = 0, cloud = null, yaw = 0.7, pitch = 0.55, distance = 1.3, spinning = false;
 
     function draw() {
       var ratio = window.devicePixelRatio || 1;

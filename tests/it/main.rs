@@ -29,3 +29,4 @@ mod report_folders;
 mod score;
 mod support;
 mod synthetic;
+mod tradeoff;

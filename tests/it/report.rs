@@ -1,5 +1,6 @@
 //! Leaderboards, curves and pages made of records whose contents are known.
 
+use crate::support::{mvs_eval, stderr, text as arg};
 use glam::DVec3;
 use mvs_datasets::layout::files::write_atomically;
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
@@ -11,7 +12,7 @@ use mvs_eval::report::leaderboard::{Metric, boards, paper_tables, site_tables};
 use mvs_eval::report::record::Record;
 use mvs_eval::report::{table_csv, table_md, table_tex};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const SCENES: [&str; 7] = [
     "Barn",
@@ -81,6 +82,53 @@ tnt,official,training,,R-MVSNet (ETH3D),F-score,0.420,0.399,0.306,0.439,0.488,0.
 tnt,official,training,,R-MVSNet (MegaDepth),F-score,0.513,0.415,0.376,0.553,0.552,0.223,0.636,0.467
 ";
     assert_eq!(text(|out| table_csv::write(out, &tables)), expected);
+}
+
+/// The F-scores of the transcribed table, cell by cell: through records and back, in CSV and LaTeX.
+#[test]
+fn the_transcribed_table_is_reproduced_cell_for_cell() {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/datasets/manifests/blendedmvs-paper.csv"
+    );
+    let manifest = std::fs::read_to_string(path).unwrap();
+    let rows: Vec<Vec<&str>> = manifest
+        .lines()
+        .filter(|line| line.contains(",F-score,"))
+        .map(|line| line.split(',').collect())
+        .collect();
+    assert_eq!(rows.len(), 4);
+    let mut records = Vec::new();
+    for row in &rows {
+        for (scene, cell) in SCENES.iter().zip(&row[2..9]) {
+            records.push(record(row[0], scene, cell.parse().unwrap()));
+        }
+    }
+    let tables = paper_tables(&boards(&records).unwrap());
+    let csv = text(|out| table_csv::write(out, &tables));
+    let latex = text(|out| table_tex::write(out, &tables));
+    for row in &rows {
+        let line = csv
+            .lines()
+            .find(|line| line.contains(&format!(",{},F-score,", row[0])))
+            .unwrap();
+        assert!(
+            line.ends_with(&format!(",{}", row[2..].join(","))),
+            "{line}"
+        );
+        let cells: Vec<String> = row[2..]
+            .iter()
+            .map(|cell| match row[0] {
+                "BlendedMVS" => format!("\\textbf{{{cell}}}"), // the best of every column
+                _ => (*cell).to_owned(),
+            })
+            .collect();
+        let expected = format!("{} & F-score & {} \\\\", row[0], cells.join(" & "));
+        assert!(
+            latex.lines().any(|line| line == expected),
+            "{expected}\n{latex}"
+        );
+    }
 }
 
 /// Two methods whose precision and recall are known.
@@ -286,6 +334,7 @@ fn page() -> String {
             tau,
             unit: "m",
         }],
+        still: None,
         pictures: &[Picture {
             caption: "Depth of four views".into(),
             media_type: "image/png",
@@ -302,11 +351,22 @@ fn page() -> String {
     .unwrap()
 }
 
-/// Opens a page in headless Chromium (named by `MVS_EVAL_CHROMIUM`): the document after its scripts
+/// The browser that `MVS_EVAL_CHROMIUM` names, or a Chromium on the PATH.
+fn browser() -> Option<PathBuf> {
+    if let Some(named) = std::env::var_os("MVS_EVAL_CHROMIUM") {
+        return Some(named.into());
+    }
+    let folders = std::env::var_os("PATH")?;
+    std::env::split_paths(&folders)
+        .flat_map(|folder| ["chromium", "chromium-browser"].map(|name| folder.join(name)))
+        .find(|path| path.is_file())
+}
+
+/// Opens a page in headless Chromium: the document after its scripts
 /// have run, and what they wrote to the console. `None` where there is no browser.
 fn opened(name: &str, page: &str) -> Option<(String, String)> {
-    let Some(chromium) = std::env::var_os("MVS_EVAL_CHROMIUM") else {
-        eprintln!("skipped: MVS_EVAL_CHROMIUM names no browser");
+    let Some(chromium) = browser() else {
+        eprintln!("skipped: no chromium on PATH, and MVS_EVAL_CHROMIUM names no browser");
         return None;
     };
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
@@ -328,6 +388,49 @@ fn opened(name: &str, page: &str) -> Option<(String, String)> {
         .unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     Some((text(&output.stdout), text(&output.stderr)))
+}
+
+/// `mvs-eval report` of a score folder that the command line has made, with a page that loads, draws
+/// the cloud and sorts.
+#[test]
+fn a_score_folder_becomes_a_page_from_the_command_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let demo = mvs_eval(&[
+        "demo",
+        "--views",
+        "6",
+        "--size",
+        "128x96",
+        "--out",
+        arg(&at("demo")),
+    ]);
+    assert!(demo.status.success(), "{}", stderr(&demo));
+    let score = at("demo/score");
+    let out = at("report");
+    let made = mvs_eval(&[
+        "report",
+        arg(&score),
+        "--title",
+        "A <test>",
+        "--out",
+        arg(&out),
+    ]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+    assert!(page.contains("<h1>A &lt;test&gt;</h1>") && page.contains("BLAKE3"));
+    assert!(page.contains("demo, noisy-depth: precision") && page.contains("noisy-depth: recall"));
+    let still = std::fs::read(out.join("errors.png")).unwrap();
+    assert!(still.starts_with(b"\x89PNG"));
+    let of_demo = std::fs::read_to_string(at("demo/report/index.html")).unwrap();
+    assert!(of_demo.contains("contact sheet") && of_demo.len() < 10_000_000);
+    let Some((document, log)) = opened("report-cli.html", &of_demo) else {
+        return;
+    };
+    assert_eq!(attribute(&document, "data-state"), "ok", "{log}");
+    let drawn: f64 = attribute(&document, "data-drawn").parse().unwrap();
+    assert!((0.02..0.9).contains(&drawn), "{drawn} of the canvas");
+    assert!(!log.contains("CONSOLE"), "{log}");
 }
 
 fn attribute<'a>(document: &'a str, name: &str) -> &'a str {

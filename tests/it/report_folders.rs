@@ -2,7 +2,7 @@
 
 use crate::support::{mvs_eval, stderr, text};
 use mvs_datasets::layout::files::write_atomically;
-use mvs_eval::jobs::report_folder::render;
+use mvs_eval::jobs::report_folder::{render, spliced};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -90,5 +90,57 @@ fn a_changed_number_a_changed_readme_and_a_lost_file_are_found() {
         stderr(&lost).contains("expected the file t.csv beside it"),
         "{}",
         stderr(&lost)
+    );
+}
+
+#[test]
+fn the_project_readme_shows_what_the_reports_say() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = root.join("README.md");
+    let found = fs::read_to_string(&page).unwrap();
+    let blocks: Vec<&str> = found
+        .lines()
+        .filter_map(|line| line.strip_prefix("<!-- begin "))
+        .collect();
+    assert!(!blocks.is_empty(), "README.md shows no report");
+    for block in blocks {
+        let folder = root.join(block.trim_end_matches(" -->"));
+        assert_eq!(spliced(&page, &folder).unwrap(), found, "{block}");
+    }
+}
+
+#[test]
+fn a_splice_replaces_its_own_block_only() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("r/2026-11-25-test");
+    let record = "title = \"T\"\ndate = \"2026-11-25\"\nrevision = \"r\"\nmachine = \"m\"\n\
+                  command = \"c\"\nsummary = \"s\"\nbias = \"b\"\n[versions]\nrust = \"1.95\"\n\
+                  [[table]]\nfile = \"t.csv\"\ncaption = \"Runs.\"\ncolumns = []\n\
+                  [[table]]\nfile = \"t.csv\"\ncaption = \"Means.\"\ndigits = { a = 1 }\n\
+                  [[picture]]\nfile = \"p.svg\"\ncaption = \"A picture.\"\n";
+    write(&folder.join("run.toml"), record);
+    write(&folder.join("t.csv"), "a\n0.55\n");
+    write(&folder.join("p.svg"), "<svg/>");
+    let page = root.path().join("README.md");
+    write(
+        &page,
+        "before\n<!-- begin r/2026-11-25-test -->\nold\n<!-- end r/2026-11-25-test -->\nafter\n",
+    );
+    let made = mvs_eval(&["report", "--folder", text(&folder), "--into", text(&page)]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let expected = "before\n<!-- begin r/2026-11-25-test -->\n\n\
+                    Means. ([t.csv](r/2026-11-25-test/t.csv))\n\n| a |\n| --: |\n| 0.6 |\n\n\
+                    ![A picture.](r/2026-11-25-test/p.svg)\n\nA picture.\n\n\
+                    <!-- end r/2026-11-25-test -->\nafter\n";
+    assert_eq!(fs::read_to_string(&page).unwrap(), expected);
+    assert_eq!(spliced(&page, &folder).unwrap(), expected, "twice is once");
+
+    write(&page, "no block\n");
+    let refused = mvs_eval(&["report", "--folder", text(&folder), "--into", text(&page)]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        stderr(&refused).contains("<!-- begin r/2026-11-25-test -->"),
+        "{}",
+        stderr(&refused)
     );
 }

@@ -26,6 +26,11 @@ impl ScratchFolder {
         Ok(Self { folder })
     }
 
+    /// The folder, where other files of the run may lie too.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
     fn path(&self, key: u64) -> PathBuf {
         self.folder.path().join(format!("{key}.f32"))
     }

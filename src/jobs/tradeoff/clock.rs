@@ -1,0 +1,68 @@
+//! What work costs. The only place in the library that reads a clock: nothing but `tradeoff`, whose
+//! results are measurements, may use it.
+
+use crate::error::Result;
+use std::fs;
+use std::time::Instant;
+
+/// Work is repeated until so much time has been measured, so that short work is not all noise.
+const ENOUGH_SECONDS: f64 = 0.3;
+const MOST_RUNS: u32 = 200;
+
+/// The cost of one run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Cost {
+    /// CPU time of all threads in seconds, the median of the runs; wall-clock time where the system
+    /// does not tell.
+    pub(super) seconds: f64,
+    /// The largest resident memory of the process in MiB during the runs, with all that it held
+    /// before; `None` where the system does not tell.
+    pub(super) peak_mib: Option<f64>,
+}
+
+/// Runs `work` at least `repeats` times; the last run's value and the cost of one.
+pub(super) fn measure<T>(repeats: u32, mut work: impl FnMut() -> Result<T>) -> Result<(T, Cost)> {
+    let peak_is_reset = fs::write("/proc/self/clear_refs", "5").is_ok();
+    let (mut times, mut spent) = (Vec::new(), 0.0);
+    loop {
+        let (wall, cpu) = (Instant::now(), cpu_seconds());
+        let value = work()?;
+        let seconds = match (cpu, cpu_seconds()) {
+            (Some(before), Some(after)) => after - before,
+            _ => wall.elapsed().as_secs_f64(),
+        };
+        times.push(seconds);
+        spent += seconds;
+        let runs = times.len() as u32;
+        if runs >= repeats.max(1) && (spent >= ENOUGH_SECONDS || runs >= MOST_RUNS) {
+            let seconds = mvs_metrics::stats::median(&times).unwrap_or(seconds);
+            let peak_mib = peak_is_reset.then(peak_mib).flatten();
+            return Ok((value, Cost { seconds, peak_mib }));
+        }
+    }
+}
+
+/// Whether [`Cost::seconds`] is CPU time here.
+pub(super) fn tells_cpu_time() -> bool {
+    cpu_seconds().is_some()
+}
+
+/// CPU time of all living threads in seconds (Linux). Worker threads live as long as the process.
+fn cpu_seconds() -> Option<f64> {
+    let mut nanoseconds = 0.0;
+    for task in fs::read_dir("/proc/self/task").ok()? {
+        // A thread that ends in between takes its time with it.
+        let Ok(text) = fs::read_to_string(task.ok()?.path().join("schedstat")) else {
+            continue;
+        };
+        nanoseconds += text.split(' ').next()?.parse::<f64>().ok()?;
+    }
+    (nanoseconds > 0.0).then_some(nanoseconds * 1e-9)
+}
+
+fn peak_mib() -> Option<f64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    let kib: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib / 1024.0)
+}

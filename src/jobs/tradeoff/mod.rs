@@ -1,0 +1,182 @@
+//! `mvs-eval tradeoff`: what the knobs of each stage cost and what they change.
+
+mod blend;
+mod clock;
+mod fuse;
+mod plot;
+mod render;
+mod rows;
+mod score;
+
+pub use rows::{Row, sentences};
+
+use super::{Context, OutDir};
+use crate::config::Size;
+use crate::error::{Error, Result};
+use crate::provenance::Run;
+use mvs_datasets::layout::mvsnet::PixelCentre;
+use mvs_datasets::scene::{ColorImage, View};
+use serde::{Deserialize, Serialize};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Options of `mvs-eval tradeoff`. A stage is measured where its inputs are given.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TradeoffJob {
+    /// Scoring: the truth's cloud.
+    pub truth: Option<PathBuf>,
+    /// Scoring: the reconstruction's cloud.
+    pub reconstruction: Option<PathBuf>,
+    /// Scoring: a 4×4 text file, reconstruction frame to truth frame.
+    pub transform: Option<PathBuf>,
+    /// Scoring: a polygon crop volume.
+    pub crop: Option<PathBuf>,
+    /// The tolerance in world units, for scoring and for fused clouds.
+    pub tau: f64,
+    /// Fusion: the folder with cams and pairs.
+    pub scene: Option<PathBuf>,
+    /// Fusion: the folder of depth maps.
+    pub depths: Option<PathBuf>,
+    /// Fusion: the folder of confidence maps.
+    pub confidence: Option<PathBuf>,
+    /// Fusion: pixels below this confidence are left out.
+    pub min_confidence: f32,
+    /// Fusion: the cloud that fused ones are scored against; that of the exact setting without.
+    pub fuse_truth: Option<PathBuf>,
+    /// Rendering: the mesh.
+    pub mesh: Vec<PathBuf>,
+    /// Rendering: cameras in any known form.
+    pub cameras: Option<PathBuf>,
+    /// Rendering: the image size that the cameras are for, where they do not say.
+    pub size: Option<Size>,
+    /// Blending: a generated scene with its input and rendered images.
+    pub dataset: Option<PathBuf>,
+    /// Where the cams put the centre of the top-left pixel.
+    pub pixel_center: PixelCentre,
+    /// Rendering and blending: at most so many views, spread evenly.
+    pub views: u32,
+    /// Every setting is run at least so often; the median counts.
+    pub repeats: u32,
+    /// Seed of the queries that are drawn.
+    pub seed: u64,
+    /// The folder to write.
+    pub out: PathBuf,
+}
+
+impl Default for TradeoffJob {
+    fn default() -> Self {
+        Self {
+            truth: None,
+            reconstruction: None,
+            transform: None,
+            crop: None,
+            tau: 0.01,
+            scene: None,
+            depths: None,
+            confidence: None,
+            min_confidence: crate::fuse::FuseOptions::default().min_confidence,
+            fuse_truth: None,
+            mesh: Vec::new(),
+            cameras: None,
+            size: None,
+            dataset: None,
+            pixel_center: PixelCentre::default(),
+            views: 3,
+            repeats: 3,
+            seed: 0,
+            out: PathBuf::new(),
+        }
+    }
+}
+
+impl TradeoffJob {
+    fn inputs(&self) -> Vec<&Path> {
+        let single = [
+            &self.truth,
+            &self.reconstruction,
+            &self.transform,
+            &self.crop,
+            &self.scene,
+            &self.depths,
+            &self.confidence,
+            &self.fuse_truth,
+            &self.cameras,
+            &self.dataset,
+        ];
+        let single = single.into_iter().flatten().map(PathBuf::as_path);
+        single
+            .chain(self.mesh.iter().map(PathBuf::as_path))
+            .collect()
+    }
+}
+
+/// Measures and writes `tradeoff.csv`, `tradeoff.svg` and `tradeoff.md` (a sentence per knob). The
+/// results are measurements: only their errors are the same from run to run.
+pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
+    let out = OutDir::create(
+        &job.out,
+        Run::new("tradeoff", job, &job.inputs())?,
+        context.force,
+    )?;
+    if !clock::tells_cpu_time() {
+        let message = "this system does not tell CPU times; wall-clock times are written instead";
+        context.warnings.add("wall-clock", message.to_owned());
+    }
+    let mut rows = score::run(job, context.progress)?;
+    rows.extend(fuse::run(job, context)?);
+    rows.extend(render::run(job, context)?);
+    rows.extend(blend::run(job, context.progress)?);
+    let Some(svg) = plot::svg(&rows) else {
+        let problem = "expected the inputs of a stage (truth and reconstruction; scene and depths; \
+                       mesh and cameras; dataset), found none";
+        return Err(Error::invalid("tradeoff", problem));
+    };
+    out.write("tradeoff.csv", |file| rows::write_csv(file, &rows))?;
+    out.write("tradeoff.svg", |file| file.write_all(svg.as_bytes()))?;
+    out.write("tradeoff.md", |file| {
+        sentences(&rows)
+            .iter()
+            .try_for_each(|sentence| writeln!(file, "- {sentence}"))
+    })?;
+    out.finish()?;
+    Ok(rows)
+}
+
+/// At most `most` of the views, spread evenly.
+fn picked(views: &[View], most: u32) -> impl Iterator<Item = &View> {
+    let step = views.len().div_ceil(most.max(1) as usize).max(1);
+    views.iter().step_by(step)
+}
+
+/// Root mean square difference of colours in 8-bit levels, where both images show surface (a channel
+/// above 0). The second image of a pair may be smaller by `shrink`: its pixels then stand for
+/// squares.
+fn rmse<'a>(pairs: impl Iterator<Item = (&'a ColorImage, &'a ColorImage)>, shrink: u32) -> f64 {
+    let (mut sum, mut count) = (0.0, 0u64);
+    for (exact, other) in pairs {
+        let (width, height) = other.size();
+        for row in 0..(height * shrink).min(exact.height()) {
+            for column in 0..(width * shrink).min(exact.width()) {
+                let (a, b) = (
+                    exact.get(column, row),
+                    other.get(column / shrink, row / shrink),
+                );
+                if a == [0; 3] || b == [0; 3] {
+                    continue;
+                }
+                for channel in 0..3 {
+                    let difference = f64::from(a[channel]) - f64::from(b[channel]);
+                    sum += difference * difference;
+                }
+                count += 3;
+            }
+        }
+    }
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "pixel counts are far below 2^53"
+    )]
+    let mean = sum / count.max(1) as f64;
+    mean.sqrt()
+}

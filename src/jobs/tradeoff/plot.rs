@@ -1,0 +1,129 @@
+//! Time against error, one panel per stage, as SVG.
+
+use super::rows::Row;
+use std::fmt::Write;
+
+const PANEL: (f64, f64) = (360.0, 270.0);
+const MARGIN: (f64, f64) = (56.0, 44.0);
+const STYLE: &str = "text{font:12px system-ui,sans-serif;fill:#1d2733}.h{font-weight:600;font-size:14px}\
+.s{fill:#5d6b7a;font-size:11px}.p{fill:#ffffff}.a{stroke:#5d6b7a;fill:none}.d{fill:#9aa7b4}\
+.f{fill:#0369a1}.l{stroke:#0369a1;fill:none;stroke-dasharray:4 3}\
+@media(prefers-color-scheme:dark){text{fill:#e8edf2}.p{fill:#14181d}.s{fill:#9aa7b4}.f{fill:#38bdf8}\
+.l{stroke:#38bdf8}}";
+
+/// The picture: across, time relative to the exact setting (logarithmic); up, |difference|
+/// (logarithmic, with what is below a thousandth of the largest on the floor). Settings on the
+/// Pareto front are filled and joined. `None` without rows.
+pub(super) fn svg(rows: &[Row]) -> Option<String> {
+    let mut stages: Vec<&str> = rows.iter().map(|row| row.stage).collect();
+    stages.dedup();
+    let columns = stages.len().min(2);
+    let (width, height) = (
+        PANEL.0 * columns as f64,
+        PANEL.1 * stages.len().div_ceil(2) as f64,
+    );
+    let mut text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
+         aria-label=\"Error against time, by stage\">\n<style>{STYLE}</style>\n\
+         <rect class=\"p\" width=\"{width}\" height=\"{height}\"/>\n"
+    );
+    for (index, stage) in stages.iter().enumerate() {
+        let of_stage: Vec<&Row> = rows.iter().filter(|row| row.stage == *stage).collect();
+        let (x, y) = (PANEL.0 * (index % 2) as f64, PANEL.1 * (index / 2) as f64);
+        let _ = writeln!(text, "<g transform=\"translate({x} {y})\">");
+        panel(&mut text, stage, &of_stage)?;
+        text.push_str("</g>\n");
+    }
+    text.push_str("</svg>\n");
+    (!stages.is_empty()).then_some(text)
+}
+
+fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
+    let exact = rows.iter().find(|row| row.exact)?;
+    let times: Vec<f64> = rows.iter().map(|row| row.seconds / exact.seconds).collect();
+    let fastest = times.iter().copied().fold(1.0, f64::min);
+    let slowest = times.iter().copied().fold(1.0, f64::max);
+    let largest = rows
+        .iter()
+        .map(|row| row.difference.abs())
+        .fold(0.0, f64::max);
+    let (left, right) = ((0.8 * fastest).ln(), (1.25 * slowest).ln());
+    let (across, up) = (PANEL.0 - MARGIN.0 - 20.0, PANEL.1 - 2.0 * MARGIN.1);
+    let x = |time: f64| MARGIN.0 + across * (time.ln() - left) / (right - left);
+    let y = |error: f64| {
+        let share = if largest > 0.0 {
+            1.0 + (error / largest).log10() / 3.0
+        } else {
+            0.0
+        };
+        PANEL.1 - MARGIN.1 - up * share.clamp(0.0, 1.0)
+    };
+    let measure = exact.measure;
+    let (bottom, top) = (PANEL.1 - MARGIN.1, MARGIN.1);
+    let _ = writeln!(
+        text,
+        "<text class=\"h\" x=\"{}\" y=\"24\">{stage}</text>\n\
+         <path class=\"a\" d=\"M{} {top}V{bottom}H{}\"/>\n\
+         <text class=\"s\" x=\"{}\" y=\"{}\" text-anchor=\"end\">time / exact: {fastest:.2} … {slowest:.2}</text>\n\
+         <text class=\"s\" x=\"6\" y=\"{top}\">{largest:.1e}</text>\n\
+         <text class=\"s\" x=\"6\" y=\"{bottom}\">≤{:.0e}</text>\n\
+         <text class=\"s\" x=\"{}\" y=\"24\" text-anchor=\"end\">|Δ{measure}|</text>",
+        MARGIN.0,
+        MARGIN.0,
+        PANEL.0 - 20.0,
+        PANEL.0 - 20.0,
+        PANEL.1 - 14.0,
+        largest / 1000.0,
+        PANEL.0 - 20.0,
+    );
+    let mut front: Vec<(f64, f64)> = Vec::new();
+    for (row, &time) in rows.iter().zip(&times) {
+        let (x, y) = (x(time), y(row.difference.abs()));
+        let class = if row.front { "f" } else { "d" };
+        let _ = writeln!(
+            text,
+            "<circle class=\"{class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\"><title>{}: {}</title></circle>",
+            row.knob, row.setting
+        );
+        if row.front || row.default {
+            let end = x > PANEL.0 - 110.0;
+            let (at, anchor) = if end {
+                (x - 8.0, "end")
+            } else {
+                (x + 8.0, "start")
+            };
+            let _ = writeln!(
+                text,
+                "<text class=\"s\" x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{} {}</text>",
+                y - 6.0,
+                row.knob,
+                row.setting
+            );
+        }
+        if row.front {
+            front.push((x, y));
+        }
+    }
+    front.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let path: Vec<String> = front
+        .iter()
+        .map(|(x, y)| format!("{x:.1} {y:.1}"))
+        .collect();
+    let _ = writeln!(text, "<path class=\"l\" d=\"M{}\"/>", path.join("L"));
+    Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rows::tests::some;
+    use super::*;
+
+    #[test]
+    fn every_row_has_its_place_and_the_front_is_filled() {
+        let text = svg(&some()).unwrap();
+        assert_eq!(text.matches("<circle class=\"f\"").count(), 2);
+        assert_eq!(text.matches("<circle class=\"d\"").count(), 2);
+        assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
+        assert!(svg(&[]).is_none());
+    }
+}

@@ -1,0 +1,258 @@
+//! The knobs of scoring. Queries may be thinned; the clouds that are searched never, because a
+//! thinned cloud lies farther from everything.
+
+use super::TradeoffJob;
+use super::clock;
+use super::rows::{Measured, Row, rows};
+use crate::error::Result;
+use crate::progress::Progress;
+use crate::score::plain::Preparation;
+use crate::score::points::{FinitePoints, prism};
+use glam::{DMat4, DVec3};
+use mvs_datasets::layout::files;
+use mvs_metrics::Score;
+use mvs_metrics::Tolerance;
+use mvs_metrics::distance::BlockIndex;
+
+/// The normal distribution's quantile of a two-sided 95 % interval.
+const Z95: f64 = 1.959_964;
+
+/// What is scored.
+struct Pair {
+    truth: FinitePoints,
+    reconstruction: FinitePoints,
+    motion: Option<DMat4>,
+    preparation: Preparation,
+    tolerance: Tolerance,
+}
+
+/// A setting of the knobs.
+#[derive(Debug, Clone, Copy)]
+struct Setting {
+    /// Edge of the voxels in τ; none without.
+    voxel: Option<f64>,
+    /// One query in so many is asked.
+    every: u64,
+    /// Searches end at so many τ.
+    bound: f64,
+    /// What happens to coordinates before the search.
+    rounding: Rounding,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Rounding {
+    None,
+    Recentred,
+    InPlace,
+}
+
+const EXACT: Setting = Setting {
+    voxel: Some(0.5),
+    every: 1,
+    bound: f64::INFINITY,
+    rounding: Rounding::None,
+};
+
+fn settings() -> Vec<(&'static str, String, Setting)> {
+    let mut all = vec![("exact", "voxel τ/2, all queries, f64".to_owned(), EXACT)];
+    for (name, voxel) in [("none", None), ("τ/4", Some(0.25)), ("τ", Some(1.0))] {
+        all.push(("voxel", name.to_owned(), Setting { voxel, ..EXACT }));
+    }
+    for every in [2, 4, 16, 64] {
+        all.push(("queries", format!("1/{every}"), Setting { every, ..EXACT }));
+    }
+    for (name, bound) in [("up to 5 τ", 5.0), ("up to τ", 1.0)] {
+        all.push(("search", name.to_owned(), Setting { bound, ..EXACT }));
+    }
+    for (name, rounding) in [
+        ("f32, recentred", Rounding::Recentred),
+        ("f32, in place", Rounding::InPlace),
+    ] {
+        all.push((
+            "coordinates",
+            name.to_owned(),
+            Setting { rounding, ..EXACT },
+        ));
+    }
+    all
+}
+
+/// Measures every setting: preparing both clouds and the distances both ways.
+pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let (Some(truth), Some(reconstruction)) = (&job.truth, &job.reconstruction) else {
+        return Ok(Vec::new());
+    };
+    let pair = Pair {
+        truth: FinitePoints::of_cloud(files::read_cloud(truth)?),
+        reconstruction: FinitePoints::of_cloud(files::read_cloud(reconstruction)?),
+        motion: job
+            .transform
+            .as_ref()
+            .map(|path| files::read_similarity(path).map(|similarity| similarity.matrix()))
+            .transpose()?,
+        preparation: Preparation {
+            crop: job
+                .crop
+                .as_ref()
+                .map(|path| prism(&files::read_crop(path)?))
+                .transpose()?,
+            voxel: None,
+        },
+        tolerance: Tolerance::new(job.tau)?,
+    };
+    let settings = settings();
+    progress.begin("score settings", settings.len() as u64);
+    let mut measured = Vec::new();
+    for (knob, name, setting) in settings {
+        progress.check()?;
+        let ((score, half_width), cost) =
+            clock::measure(job.repeats, || pair.score(&setting, job.seed))?;
+        measured.push(Measured {
+            knob,
+            setting: name,
+            cost,
+            value: score.f_score(),
+            half_width,
+        });
+        progress.advance(1);
+    }
+    Ok(rows(("score", "F"), measured, |knob, _| knob == "exact"))
+}
+
+impl Pair {
+    /// The score, and half its interval where queries are a sample.
+    fn score(&self, setting: &Setting, seed: u64) -> Result<(Score, Option<f64>)> {
+        let tau = self.tolerance.get();
+        let preparation = Preparation {
+            voxel: setting.voxel.map(|edge| edge * tau),
+            ..self.preparation.clone()
+        };
+        let mut truth = preparation.apply_to_truth(&self.truth)?.points;
+        let mut reconstruction = preparation.apply(&self.reconstruction, self.motion)?.points;
+        if setting.rounding != Rounding::None {
+            let center = match (setting.rounding, truth.first()) {
+                (Rounding::Recentred, Some(&first)) => first,
+                _ => DVec3::ZERO,
+            };
+            for points in [&mut truth, &mut reconstruction] {
+                points
+                    .iter_mut()
+                    .for_each(|point| *point = (*point - center).as_vec3().as_dvec3());
+            }
+        }
+        let bound = setting.bound * tau;
+        if setting.every == 1 && bound.is_infinite() {
+            let (a, b) = mvs_metrics::distance::both_ways(&reconstruction, &truth)?;
+            return Ok((Score::from_distances(&a, &b, self.tolerance), None));
+        }
+        let asked = |points: &[DVec3]| sample(points, setting.every, seed);
+        let ask = |queries: &[DVec3], cloud: &[DVec3]| -> Result<Vec<f64>> {
+            let index = BlockIndex::new(cloud)?;
+            Ok(if bound.is_finite() {
+                index.distances_below(queries, bound)
+            } else {
+                index.distances(queries)
+            })
+        };
+        let from_reconstruction = ask(&asked(&reconstruction), &truth)?;
+        let from_truth = ask(&asked(&truth), &reconstruction)?;
+        let score = Score::from_distances(&from_reconstruction, &from_truth, self.tolerance);
+        let totals = (reconstruction.len(), truth.len());
+        let width = (setting.every > 1).then(|| half_width(&score, totals));
+        Ok((score, width))
+    }
+}
+
+/// About one point in `every`, by a hash of its index: near any place the same share.
+fn sample(points: &[DVec3], every: u64, seed: u64) -> Vec<DVec3> {
+    if every <= 1 {
+        return points.to_vec();
+    }
+    let chosen = points
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| mixed(*index as u64 ^ seed.rotate_left(32)).is_multiple_of(every));
+    chosen.map(|(_, &point)| point).collect()
+}
+
+/// SplitMix64's finaliser (Steele, Lea and Flood 2014).
+fn mixed(value: u64) -> u64 {
+    let mut z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// Half of the 95 % interval of the F-score that all queries would give, from a sample drawn without
+/// replacement: binomial variances with the finite-population factor, carried through
+/// F = 2PR / (P + R) to first order.
+fn half_width(score: &Score, totals: (usize, usize)) -> f64 {
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "point counts are far below 2^53"
+    )]
+    let variance = |share: f64, drawn: usize, total: usize| {
+        let (drawn, total) = (drawn as f64, total as f64);
+        share * (1.0 - share) / drawn.max(1.0) * (1.0 - drawn / total.max(1.0)).max(0.0)
+    };
+    let (p, r) = (score.precision(), score.recall());
+    let along_p = variance(p, score.reconstruction().total(), totals.0);
+    let along_r = variance(r, score.truth().total(), totals.1);
+    let sum = (p + r).max(f64::MIN_POSITIVE);
+    let (by_p, by_r) = (2.0 * (r / sum).powi(2), 2.0 * (p / sum).powi(2));
+    Z95 * (by_p * by_p * along_p + by_r * by_r * along_r).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points on a plane, and others above it whose height is below 1 at about seven in ten.
+    fn pair() -> Pair {
+        let at = |i: u64| DVec3::new((i % 200) as f64, (i / 200) as f64, 0.0);
+        let height = |i: u64| DVec3::Z * (mixed(i ^ 77) % 1000) as f64 / 700.0;
+        let truth = (0..20_000).map(at).collect();
+        let reconstruction = (0..20_000).map(|i| at(i) + height(i)).collect();
+        Pair {
+            truth: FinitePoints::new(truth),
+            reconstruction: FinitePoints::new(reconstruction),
+            motion: None,
+            preparation: Preparation::default(),
+            tolerance: Tolerance::new(0.9).unwrap(),
+        }
+    }
+
+    fn plain(setting: Setting) -> Setting {
+        Setting {
+            voxel: None,
+            ..setting
+        }
+    }
+
+    #[test]
+    fn bounded_searches_give_the_same_score() {
+        let pair = pair();
+        let (exact, none) = pair.score(&plain(EXACT), 0).unwrap();
+        assert!(none.is_none() && (0.5..0.8).contains(&exact.precision()));
+        for bound in [1.0, 5.0] {
+            let (bounded, _) = pair.score(&plain(Setting { bound, ..EXACT }), 0).unwrap();
+            assert_eq!(bounded, exact);
+        }
+    }
+
+    #[test]
+    fn intervals_of_samples_hold_the_exact_score_as_often_as_they_say() {
+        let pair = pair();
+        let exact = pair.score(&plain(EXACT), 0).unwrap().0.f_score();
+        let thinned = plain(Setting { every: 16, ..EXACT });
+        let mut inside = 0;
+        for seed in 0..200 {
+            let (score, width) = pair.score(&thinned, seed).unwrap();
+            let width = width.unwrap();
+            assert!(width > 0.001 && width < 0.03, "{width}");
+            inside += u32::from((score.f_score() - exact).abs() <= width);
+        }
+        // 95 % of 200 is 190 with a standard deviation of 3.1.
+        assert!((178..=199).contains(&inside), "{inside} of 200");
+    }
+}

@@ -1,0 +1,116 @@
+//! A cloud coloured by its errors as a still picture: the page's first look at it, for readers
+//! without scripts or WebGL.
+
+use super::colormap;
+use super::html::ErrorCloud;
+use crate::error::Result;
+use glam::{DVec3, dvec3};
+use mvs_datasets::scene::ColorImage;
+
+/// The viewer's first pose: turn and tilt in radians, distance and focal length where the cloud's
+/// longest axis is 1. `page.js` has the same numbers.
+const YAW: f64 = 0.7;
+const PITCH: f64 = 0.55;
+const DISTANCE: f64 = 1.3;
+const FOCAL: f64 = 1.9;
+const GROUND: [u8; 3] = [16, 20, 24];
+/// Errors get the last colour at so many thresholds, as where the viewer's slider begins.
+const REACH: f64 = 1.0;
+
+/// Draws the cloud from the viewer's first pose, `width` × `height` pixels; nearer points hide
+/// farther ones. Points that are not finite are left out.
+pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImage> {
+    let finite = || cloud.positions.iter().filter(|point| point.is_finite());
+    let low = finite().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = finite().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
+    let middle = (low + high) / 2.0;
+    let (sy, cy, sp, cp) = (YAW.sin(), YAW.cos(), PITCH.sin(), PITCH.cos());
+    let axes = [
+        dvec3(-sy, cy, 0.0),
+        dvec3(-sp * cy, -sp * sy, cp),
+        dvec3(cp * cy, cp * sy, sp),
+    ];
+    let (w, h) = (f64::from(width), f64::from(height));
+    let focal = FOCAL * (w / h).min(1.0) * h / 2.0;
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "point counts are far below 2^53"
+    )]
+    let spacing = 2.4 * h / (cloud.positions.len().max(1) as f64).sqrt();
+    let mut image = ColorImage::filled(width, height, GROUND)?;
+    let mut nearest = vec![f64::INFINITY; image.values().len()];
+    for (&position, &distance) in cloud.positions.iter().zip(cloud.distances) {
+        let place = (position - middle) / extent;
+        let depth = DISTANCE - axes[2].dot(place);
+        if !(position.is_finite() && depth > 0.01) {
+            continue;
+        }
+        let x = w / 2.0 + focal * axes[0].dot(place) / depth;
+        let y = h / 2.0 - focal * axes[1].dot(place) / depth;
+        let half = (spacing / depth).clamp(1.0, 8.0) / 2.0;
+        let color = colormap::error(distance / (REACH * cloud.tau));
+        for row in pixels(y, half, height) {
+            for column in pixels(x, half, width) {
+                let index = row as usize * width as usize + column as usize;
+                if depth < nearest[index] {
+                    nearest[index] = depth;
+                    image.values_mut()[index] = color;
+                }
+            }
+        }
+    }
+    Ok(image)
+}
+
+/// The pixels whose centres are at most `half` from `at`, at least the one that holds it.
+fn pixels(at: f64, half: f64, count: u32) -> std::ops::Range<u32> {
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped to 0 ..= count"
+    )]
+    let bound = |value: f64| value.clamp(0.0, f64::from(count)) as u32;
+    bound((at - half).round())..bound((at + half).round())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_points_hide_far_ones_and_errors_have_their_colours() {
+        // Two points on the line of sight through the middle, and the corners that span the box.
+        let toward = dvec3(
+            PITCH.cos() * YAW.cos(),
+            PITCH.cos() * YAW.sin(),
+            PITCH.sin(),
+        );
+        let positions = [
+            toward * 0.4,
+            toward * -0.4,
+            DVec3::ONE,
+            -DVec3::ONE,
+            DVec3::NAN,
+        ];
+        let cloud = ErrorCloud {
+            name: "",
+            positions: &positions,
+            distances: &[0.0, 9.0, 1.0, 1.0, 1.0],
+            tau: 1.0,
+            unit: "",
+        };
+        let image = draw(&cloud, 200, 100).unwrap();
+        assert_eq!(image.get(100, 50), colormap::error(0.0));
+        assert_eq!(image.get(0, 0), GROUND);
+        let lit = image
+            .values()
+            .iter()
+            .filter(|&&pixel| pixel != GROUND)
+            .count();
+        assert!(
+            (100..400).contains(&lit),
+            "three squares of 8 pixels, found {lit}"
+        );
+    }
+}
