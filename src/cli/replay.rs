@@ -1,11 +1,7 @@
 use super::common::{Global, Verdict};
 use super::{
-<<<<<<< HEAD
     augment, blend, demo, depth, extremes, fuse, generate, output, pairs, render, report, score,
-=======
-    augment, blend, demo, depth, fuse, generate, output, pairs, render, report, score, tradeoff,
->>>>>>> c2fcf6d (Reports as one page, the trade of speed for accuracy measured, READMEs made from records)
-    verify,
+    tradeoff, verify,
 };
 use clap::Args;
 use mvs_eval::config;

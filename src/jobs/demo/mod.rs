@@ -98,13 +98,8 @@ pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
     let fuse_job = fuse_job(&out, &inputs, dataset.clone());
     let fused = fuse::run(&fuse_job, context)?;
     let scored = score::run(&score_job(&out, &inputs, job), context)?;
-<<<<<<< HEAD
-    report::run(&report_job(&out), context)?;
     sheet::write(&out, scene.scene(), &dataset, &inputs.depths)?;
-=======
-    sheet::write(&out, scene.scene(), &generated.folder, &inputs.depths)?;
     report::run(&report_job(&out), context)?;
->>>>>>> c2fcf6d (Reports as one page, the trade of speed for accuracy measured, READMEs made from records)
     let sample: Vec<_> = truth.positions().iter().step_by(16).copied().collect();
     let predicted = predict(&scene, &noise, &fuse_job.fuse, (&sample, job.tau));
     out.finish()?;
