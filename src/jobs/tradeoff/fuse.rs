@@ -70,7 +70,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         let fuse_job = FuseJob {
             scene: scene.clone(),
             depths: depths.clone(),
-            confidence: job.confidence.clone(),
+            confidence: job.confidence.iter().cloned().collect(),
             out: scratch.folder().join("cloud.ply"),
             pixel_center: job.pixel_center,
             fuse: FuseOptions {
