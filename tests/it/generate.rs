@@ -212,7 +212,7 @@ fn damaged_missing_and_outdated_views_are_made_again() {
     std::fs::remove_file(file("masks/00000001.png")).unwrap();
     std::fs::copy(file("cams/00000003_cam.txt"), file("cams/00000002_cam.txt")).unwrap();
     std::fs::copy(file("views/00000003.json"), file("views/00000004.json")).unwrap();
-    std::fs::copy(file("scene.json"), file("cams/.tmpabc")).unwrap();
+    std::fs::copy(file("scene.json"), file("cams/.mvs-eval-abc.part")).unwrap();
     std::fs::copy(file("masks/00000003.png"), file("masks/00000077.png")).unwrap();
     std::fs::copy(file("masks/00000003.png"), file("masks/mine.png")).unwrap();
     lit.generate(mended.path(), &all_extras());
