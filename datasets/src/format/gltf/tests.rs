@@ -62,7 +62,7 @@ fn nodes_place_what_they_hold_in_f64_and_mirrors_turn_triangles() {
         {"mesh": 0, "scale": [-1, 2, 1], "rotation": [0, 0, 0.7071067811865476, 0.7071067811865476]}],"#;
     let file = read(&SQUARE.replace(r#""nodes": [{"mesh": 0}],"#, nodes)).unwrap();
     // (1, 0) is mirrored to (-1, 0), then turned by 90° to (0, -1).
-    let expected = DVec3::new(451_000.125, 5_099_999.0625, 0.0);
+    let expected = DVec3::new(451_000.125, 5_099_999.062_5, 0.0);
     assert!(
         (file.vertices[1] - expected).length() < 1e-9,
         "{}",
