@@ -3,8 +3,14 @@
 //! Plain loops over fixed arrays, which the compiler turns into vector instructions; `pulp` picks
 //! the widest set the machine has at run time. Everything below is inlined into the function that
 //! `pulp` compiles for each set (a closure would not be: [`super::rules`] hands it a struct). No
-//! operation is reordered or fused, so every set gives the same bits. Positions are computed in f64 (a pixel is found to 1e-10), ratios of depths
-//! in f32 (6e-8), and depths only ever as `reference + small difference`.
+//! operation is reordered or fused, so every set gives the same bits. Positions are computed in f64
+//! (a pixel is found to 1e-10), ratios of depths in f32 (6e-8), and depths only ever as
+//! `reference + small difference`.
+
+#![allow(
+    clippy::needless_range_loop,
+    reason = "columns are walked side by side, and closures would leave the instruction set"
+)]
 
 use super::geometry::PairGeometry;
 use super::samples::{Samples, Unit};

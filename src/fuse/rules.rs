@@ -1,5 +1,10 @@
 //! When sources agree with a pixel, and the depth that follows from those that do.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "columns are walked side by side, and closures would leave the instruction set"
+)]
+
 use super::kernel::{BLOCK, Block, Footprint, Pair, Seen, Taps};
 use super::options::{FuseMode, FuseOptions, Sampling};
 use super::samples::Samples;

@@ -4,6 +4,10 @@ use super::counts::FuseCounts;
 use super::points::{Columns, PointSink, Points};
 use crate::error::{Error, Result};
 use glam::{DVec3, Vec3};
+#[allow(
+    clippy::disallowed_types,
+    reason = "looked up by voxel, never walked through"
+)]
 use std::collections::HashMap;
 
 /// Merges points as they come.
@@ -18,6 +22,10 @@ pub struct VoxelSink {
     size: f64,
     columns: Columns,
     /// Place in `cells` by voxel; never walked through.
+    #[allow(
+        clippy::disallowed_types,
+        reason = "looked up by voxel, never walked through"
+    )]
     places: HashMap<[i64; 3], usize>,
     cells: Vec<Cell>,
     taken: u64,
@@ -51,7 +59,7 @@ impl VoxelSink {
         Ok(Self {
             size,
             columns,
-            places: HashMap::new(),
+            places: Default::default(),
             cells: Vec::new(),
             taken: 0,
         })

@@ -117,8 +117,11 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     Ok(GenerateOutcome { sets })
 }
 
+/// The root of a set and its image size in pixels; `None` for that of the photographs.
+type Root = (PathBuf, Option<(u32, u32)>);
+
 /// The root of each set and its image size.
-fn roots_of(job: &GenerateJob) -> Result<Vec<(PathBuf, Option<(u32, u32)>)>> {
+fn roots_of(job: &GenerateJob) -> Result<Vec<Root>> {
     let pair = |size: &Size| Some((size.width, size.height));
     if let Some((index, twice)) =
         (job.sizes.iter().enumerate()).find(|(index, size)| job.sizes[..*index].contains(size))

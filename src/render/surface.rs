@@ -61,7 +61,7 @@ impl<'m> Frame<'m> {
     }
 
     /// A direction of the camera frame in the world.
-    pub(crate) fn to_world(&self, direction: DVec3) -> DVec3 {
+    pub(crate) fn to_world(self, direction: DVec3) -> DVec3 {
         self.from_cam * direction
     }
 

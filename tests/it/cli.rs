@@ -1,9 +1,7 @@
 //! The command line: exit codes, one sentence per error, nothing lost, replays.
 
-use crate::support::{mvs_eval, stderr, text};
-use mvs_datasets::layout::files::write_atomically;
+use crate::support::{mvs_eval, stderr, text, write};
 use std::fs;
-use std::io::Write;
 use std::path::Path;
 
 /// The run fails with exit code 2 and one line of error that says all of `parts`.
@@ -24,10 +22,6 @@ fn assert_refused(arguments: &[&str], parts: &[&str]) {
         );
     }
     assert!(!said.contains("panicked"), "{said}");
-}
-
-fn write(path: &Path, content: &str) {
-    write_atomically(path, |out| out.write_all(content.as_bytes())).unwrap();
 }
 
 const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 20\n0 40 15\n\
@@ -240,7 +234,7 @@ fn depth_and_confidence_of_different_size_and_missing_depths_are_named() {
     let scene = small_scene();
     let path = |name: &str| scene.path().join(name);
     let write_map = |name: &str, bytes: &[u8]| {
-        write_atomically(&path(name), |out| out.write_all(bytes)).unwrap();
+        write(&path(name), bytes);
     };
     write_map("depth/00000000.pfm", &pfm(40, 30));
     write_map("confidence/00000000.pfm", &pfm(20, 15));

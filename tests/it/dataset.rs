@@ -1,6 +1,6 @@
 //! `mvs-eval generate` on files: sets of two sizes, shards, manifests, exports, and being killed.
 
-use crate::support::{mvs_eval, real_data, stderr, text};
+use crate::support::{mvs_eval, real_data, stderr, text, write};
 use glam::DVec2;
 use mvs_datasets::format::image::{self, JpegOptions};
 use mvs_datasets::layout::blended::BlendedFolder;
@@ -241,7 +241,7 @@ fn a_manifest_goes_on_after_a_scene_that_fails() {
          [[scene]]\nname = \"last\"\nphotos = \"{photos}\"\nvalidation = true\n"
     );
     let path = folder.path().join("scenes.toml");
-    std::fs::write(&path, manifest).unwrap();
+    write(&path, manifest);
     let output = mvs_eval(&["generate", "--manifest", text(&path), "--samples", "1"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -383,7 +383,7 @@ fn photographs_through_a_lens_are_undistorted() {
             let sum: u64 = pairs
                 .flat_map(|(a, b)| (0..3).map(move |c| u64::from(a[c].abs_diff(b[c]))))
                 .sum();
-            sum as f64 / (3 * 128 * 96) as f64
+            sum as f64 / f64::from(3 * 128 * 96)
         };
         let (bent, undone) = (off(&given), off(&used));
         // How exactly the lens is undone is held by closed forms in src/generate/undistort.rs; here

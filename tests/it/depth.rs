@@ -49,7 +49,7 @@ fn scene() -> tempfile::TempDir {
     folder
 }
 
-fn arguments<'a>(folder: &Path, more: &[&'a str]) -> Vec<String> {
+fn arguments(folder: &Path, more: &[&str]) -> Vec<String> {
     let path = |name: &str| text(&folder.join(name)).to_owned();
     let mut arguments = vec!["depth".to_owned(), "--truth".into(), text(folder).into()];
     arguments.extend(["--estimates".into(), path("estimates")]);

@@ -527,7 +527,7 @@ fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
         let mut map = files::read_raster(&path).unwrap();
         for (at, depth) in map.values_mut().iter_mut().enumerate() {
             let hash = (at as u32 ^ (view.id << 20)).wrapping_mul(2_654_435_761) >> 16;
-            if hash % 5 == 0 {
+            if hash.is_multiple_of(5) {
                 *depth = 0.0;
             }
         }

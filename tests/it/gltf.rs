@@ -311,11 +311,11 @@ fn a_place_far_away_keeps_its_digits() {
     let folder = tempfile::tempdir().unwrap();
     let mut builder = Builder::new();
     let plain = builder.material(WHITE, None, json!({}));
-    builder.square([451_000.125, 5_100_000.0625, 12.5], plain, None);
+    builder.square([451_000.125, 5_100_000.062_5, 12.5], plain, None);
     let path = folder.path().join("m.glb");
     builder.put_glb(&path);
     let bounds = read(&path).mesh.bounds();
-    let center = DVec3::new(451_000.125, 5_100_000.0625, 12.5);
+    let center = DVec3::new(451_000.125, 5_100_000.062_5, 12.5);
     assert!((bounds.center() - center).length() < 1e-9, "{bounds:?}");
 }
 
@@ -336,7 +336,11 @@ fn what_is_missing_or_not_supported_gets_one_sentence() {
         notes.len() == 1 && notes[0].contains("gone.png"),
         "{notes:?}"
     );
-    let complaint = || read_meshes(&[path.clone()]).unwrap_err().to_string();
+    let complaint = || {
+        read_meshes(std::slice::from_ref(&path))
+            .unwrap_err()
+            .to_string()
+    };
     square(&|b| b.json["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]));
     assert!(
         complaint().contains("KHR_draco_mesh_compression"),
@@ -369,7 +373,7 @@ fn textures_beyond_the_bound_are_refused_before_they_are_decoded() {
             texture_bytes: mebibytes << 20,
             threads,
         };
-        read_meshes_with(&[path.clone()], &options)
+        read_meshes_with(std::slice::from_ref(&path), &options)
     };
     let error = read(5, 1).unwrap_err().to_string();
     for part in ["at most 5 MiB", "2 textures of 6 MiB", "--texture-memory"] {

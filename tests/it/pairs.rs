@@ -1,13 +1,12 @@
 //! `mvs-eval pairs`: source views from a COLMAP model, against `tests/reference/pairs_colmap.py`.
 
-use crate::support::{mvs_eval, stderr, text};
+use crate::support::{mvs_eval, stderr, text, write};
 use mvs_datasets::format::colmap;
 use mvs_datasets::format::pair;
 use mvs_datasets::layout::files;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write;
 use std::path::Path;
 
 fn golden() -> Value {
@@ -17,8 +16,7 @@ fn golden() -> Value {
 fn model_text(folder: &Path) {
     for (name, content) in golden()["files"].as_object().unwrap() {
         let content = content.as_str().unwrap();
-        files::write_atomically(&folder.join(name), |out| out.write_all(content.as_bytes()))
-            .unwrap();
+        write(&folder.join(name), content);
     }
 }
 
@@ -37,7 +35,7 @@ fn model_binary(folder: &Path) {
         bytes.extend(u64::from(camera.height).to_le_bytes());
         bytes.extend(camera.params.iter().flat_map(|value| value.to_le_bytes()));
     }
-    fs::write(folder.join("cameras.bin"), &bytes).unwrap();
+    write(&folder.join("cameras.bin"), &bytes).unwrap();
     let images = colmap::read_images_text(&file("images.txt")).unwrap();
     let mut bytes = count(images.len());
     for image in &images {
@@ -53,7 +51,7 @@ fn model_binary(folder: &Path) {
             bytes.extend(point.to_le_bytes());
         }
     }
-    fs::write(folder.join("images.bin"), &bytes).unwrap();
+    write(&folder.join("images.bin"), &bytes).unwrap();
     let points = colmap::read_points_text(&file("points3D.txt")).unwrap();
     let mut bytes = count(points.len());
     for point in &points {
@@ -68,7 +66,7 @@ fn model_binary(folder: &Path) {
         bytes.extend(point.color);
         bytes.extend([0; 16]);
     }
-    fs::write(folder.join("points3D.bin"), &bytes).unwrap();
+    write(&folder.join("points3D.bin"), &bytes).unwrap();
 }
 
 fn read_pairs(path: &Path) -> BTreeMap<u32, Vec<(u32, f64)>> {

@@ -1,10 +1,8 @@
 //! The dated folders under `reports/`: each README is what its record and CSV files make.
 
 use crate::support::{mvs_eval, stderr, text};
-use mvs_datasets::layout::files::write_atomically;
 use mvs_eval::jobs::report_folder::{render, spliced};
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// The folders of measurements in `root`.
@@ -34,10 +32,6 @@ fn differences(root: &Path) -> Vec<String> {
         }
     });
     faults.collect()
-}
-
-fn write(path: &Path, content: &str) {
-    write_atomically(path, |out| out.write_all(content.as_bytes())).unwrap();
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! What several tests share.
 
 use assert_cmd::Command;
+use mvs_datasets::layout::files::write_atomically;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -35,4 +37,9 @@ pub(crate) fn text(path: &Path) -> &str {
 /// What was said on stderr.
 pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Makes a file.
+pub(crate) fn write(path: &Path, content: impl AsRef<[u8]>) {
+    write_atomically(path, |out| out.write_all(content.as_ref())).expect("a file can be written");
 }

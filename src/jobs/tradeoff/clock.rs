@@ -22,6 +22,10 @@ pub(super) struct Cost {
 
 /// Runs `work` at least `repeats` times; the last run's value and the cost of one.
 pub(super) fn measure<T>(repeats: u32, mut work: impl FnMut() -> Result<T>) -> Result<(T, Cost)> {
+    #[allow(
+        clippy::disallowed_methods,
+        reason = "a switch of the kernel, not a result"
+    )]
     let peak_is_reset = fs::write("/proc/self/clear_refs", "5").is_ok();
     let (mut times, mut spent) = (Vec::new(), 0.0);
     loop {
