@@ -94,7 +94,7 @@ fn singular_intrinsics_and_cameras_behind_the_mesh_are_named() {
     let path = |name: &str| scene.path().join(name);
     write(
         &path("flat/00000000_cam.txt"),
-        &CAM.replace("40 0 20", "0 0 20"),
+        CAM.replace("40 0 20", "0 0 20"),
     );
     let arguments = [path("mesh.obj"), path("flat"), path("out1")];
     let error = ["00000000_cam.txt", "singular"];
@@ -104,7 +104,7 @@ fn singular_intrinsics_and_cameras_behind_the_mesh_are_named() {
     );
     write(
         &path("behind/00000000_cam.txt"),
-        &CAM.replace("0 0 1 0\n0 0 0 1", "0 0 1 -9\n0 0 0 1"),
+        CAM.replace("0 0 1 0\n0 0 0 1", "0 0 1 -9\n0 0 0 1"),
     );
     let arguments = [path("mesh.obj"), path("behind"), path("out2")];
     let error = ["views that see the mesh", "world-to-camera"];
@@ -148,7 +148,7 @@ fn results_are_kept_and_replayed() {
         );
     }
 
-    write(&mesh, &TRIANGLE.replace("0 1 2\nf", "0 2 2\nf"));
+    write(&mesh, TRIANGLE.replace("0 1 2\nf", "0 2 2\nf"));
     let output = mvs_eval(&["replay", text(&run), "--out", text(&path("third"))]);
     assert!(
         stderr(&output).contains("input-changed"),

@@ -35,7 +35,7 @@ fn model_binary(folder: &Path) {
         bytes.extend(u64::from(camera.height).to_le_bytes());
         bytes.extend(camera.params.iter().flat_map(|value| value.to_le_bytes()));
     }
-    write(&folder.join("cameras.bin"), &bytes).unwrap();
+    write(&folder.join("cameras.bin"), &bytes);
     let images = colmap::read_images_text(&file("images.txt")).unwrap();
     let mut bytes = count(images.len());
     for image in &images {
@@ -51,7 +51,7 @@ fn model_binary(folder: &Path) {
             bytes.extend(point.to_le_bytes());
         }
     }
-    write(&folder.join("images.bin"), &bytes).unwrap();
+    write(&folder.join("images.bin"), &bytes);
     let points = colmap::read_points_text(&file("points3D.txt")).unwrap();
     let mut bytes = count(points.len());
     for point in &points {
@@ -66,7 +66,7 @@ fn model_binary(folder: &Path) {
         bytes.extend(point.color);
         bytes.extend([0; 16]);
     }
-    write(&folder.join("points3D.bin"), &bytes).unwrap();
+    write(&folder.join("points3D.bin"), &bytes);
 }
 
 fn read_pairs(path: &Path) -> BTreeMap<u32, Vec<(u32, f64)>> {

@@ -1,6 +1,6 @@
 //! The dated folders under `reports/`: each README is what its record and CSV files make.
 
-use crate::support::{mvs_eval, stderr, text};
+use crate::support::{mvs_eval, stderr, text, write};
 use mvs_eval::jobs::report_folder::{render, spliced};
 use std::fs;
 use std::path::{Path, PathBuf};
