@@ -45,7 +45,7 @@ fn every_stage_is_held_against_its_exact_setting() {
     let demo = mvs_eval(&[
         "demo",
         "--views",
-        "6",
+        "10",
         "--size",
         "128x96",
         "--out",

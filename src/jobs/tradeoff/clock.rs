@@ -12,7 +12,7 @@ const MOST_RUNS: u32 = 200;
 /// The cost of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cost {
-    /// CPU time of all threads in seconds, the median of the runs; wall-clock time where the system
+    /// CPU time of all threads in seconds, the mean over the runs; wall-clock time where the system
     /// does not tell.
     pub(super) seconds: f64,
     /// The largest resident memory of the process in MiB during the runs, with all that it held
@@ -20,26 +20,20 @@ pub(super) struct Cost {
     pub(super) peak_mib: Option<f64>,
 }
 
-/// Runs `work` at least `repeats` times; the last run's value and the cost of one.
+/// Runs `work` at least `repeats` times; the last run's value and the cost of one. The system advances
+/// its account of CPU time in steps of some milliseconds, so it is read around all runs together.
 pub(super) fn measure<T>(repeats: u32, mut work: impl FnMut() -> Result<T>) -> Result<(T, Cost)> {
-    #[allow(
-        clippy::disallowed_methods,
-        reason = "a switch of the kernel, not a result"
-    )]
     let peak_is_reset = fs::write("/proc/self/clear_refs", "5").is_ok();
-    let (mut times, mut spent) = (Vec::new(), 0.0);
+    let (wall, cpu) = (Instant::now(), cpu_seconds());
+    let mut runs = 0;
     loop {
-        let (wall, cpu) = (Instant::now(), cpu_seconds());
         let value = work()?;
-        let seconds = match (cpu, cpu_seconds()) {
-            (Some(before), Some(after)) => after - before,
-            _ => wall.elapsed().as_secs_f64(),
-        };
-        times.push(seconds);
-        spent += seconds;
-        let runs = times.len() as u32;
+        runs += 1;
+        let elapsed = wall.elapsed().as_secs_f64();
+        let spent = cpu.zip(cpu_seconds()).map(|(before, after)| after - before);
+        let spent = spent.filter(|&seconds| seconds > 0.0).unwrap_or(elapsed);
         if runs >= repeats.max(1) && (spent >= ENOUGH_SECONDS || runs >= MOST_RUNS) {
-            let seconds = mvs_metrics::stats::median(&times).unwrap_or(seconds);
+            let seconds = spent / f64::from(runs);
             let peak_mib = peak_is_reset.then(peak_mib).flatten();
             return Ok((value, Cost { seconds, peak_mib }));
         }

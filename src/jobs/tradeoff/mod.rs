@@ -56,7 +56,7 @@ pub struct TradeoffJob {
     pub pixel_center: PixelCentre,
     /// Rendering and blending: at most so many views, spread evenly.
     pub views: u32,
-    /// Every setting is run at least so often; the median counts.
+    /// Every setting is run at least so often; the mean counts.
     pub repeats: u32,
     /// Seed of the queries that are drawn.
     pub seed: u64,
