@@ -4,7 +4,7 @@
 
 use super::frame::Edge;
 use crate::parallel;
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
 /// Three differences of colour and the mask's weight, filtered together.
@@ -35,6 +35,9 @@ impl Weights {
             .map(|u| super::spectrum::gain(u, d0))
             .take_while(|&gain| gain > 1e-12)
             .collect();
+        let cosines: Vec<f64> = (0..period)
+            .map(|at| (TAU * at as f64 / period as f64).cos())
+            .collect();
         #[allow(
             clippy::cast_precision_loss,
             reason = "pixel counts are far below 2^53"
@@ -43,7 +46,7 @@ impl Weights {
             let wave = |(index, gain): (usize, &f64)| {
                 let u = index + 1;
                 let twice = if 2 * u == period { 1.0 } else { 2.0 };
-                twice * gain * (TAU * ((u * x) % period) as f64 / period as f64).cos()
+                twice * gain * cosines[(u * x) % period]
             };
             (1.0 + gains.iter().enumerate().map(wave).sum::<f64>()) / period as f64
         };
@@ -124,7 +127,11 @@ impl Neighbours {
                 fill(row, source.row(index, width));
             }
             let mut columns_done = Rows::new(rows, width);
-            Arch::new().dispatch(|| self.along_columns(&source, &mut columns_done));
+            Arch::new().dispatch(AlongColumns {
+                weights: &self.along_columns.0,
+                source: &source,
+                out: &mut columns_done,
+            });
             let mut padded = vec![[0.0; 4]; width + 2 * self.along_rows.reach() + BLOCK];
             let mut filtered = Rows::new(1, width);
             for (index, out) in out.chunks_exact_mut(width).enumerate() {
@@ -132,22 +139,14 @@ impl Neighbours {
                 let values = padded.as_flattened();
                 let length = (4 * width).next_multiple_of(BLOCK);
                 let target = &mut filtered.values[..length];
-                Arch::new().dispatch(|| weigh(target, values, 4, &self.along_rows.0));
+                Arch::new().dispatch(AlongRow {
+                    weights: &self.along_rows.0,
+                    source: values,
+                    out: target,
+                });
                 take(first + index, filtered.row(0, width), out);
             }
         });
-    }
-
-    /// Filters all rows of `out` along columns; `source` starts the filter's reach earlier.
-    #[inline(always)]
-    fn along_columns(&self, source: &Rows, out: &mut Rows) {
-        let (stride, weights) = (source.stride, &self.along_columns.0);
-        for tile in (0..stride - BLOCK).step_by(TILE) {
-            for (index, row) in out.values.chunks_exact_mut(stride).enumerate() {
-                let above = &source.values[index * stride + tile..];
-                weigh(&mut row[tile..tile + TILE], above, stride, weights);
-            }
-        }
     }
 
     /// The row with what lies beyond its ends on both sides.
@@ -157,6 +156,45 @@ impl Neighbours {
         for index in (0..reach).chain(reach + self.width..self.width + 2 * reach) {
             padded[index] = row[self.edge.source(index, reach, self.width)];
         }
+    }
+}
+
+/// Filters all rows of `out` along columns; `source` starts the filter's reach earlier. (A struct,
+/// because `pulp` compiles what [`WithSimd::with_simd`] inlines for each set, and no closure.)
+struct AlongColumns<'a> {
+    weights: &'a [f32],
+    source: &'a Rows,
+    out: &'a mut Rows,
+}
+
+impl WithSimd for AlongColumns<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let stride = self.source.stride;
+        for tile in (0..stride - BLOCK).step_by(TILE) {
+            for (index, row) in self.out.values.chunks_exact_mut(stride).enumerate() {
+                let above = &self.source.values[index * stride + tile..];
+                weigh(&mut row[tile..tile + TILE], above, stride, self.weights);
+            }
+        }
+    }
+}
+
+/// Filters a row, whose samples have four values; `source` starts the filter's reach earlier.
+struct AlongRow<'a> {
+    weights: &'a [f32],
+    source: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl WithSimd for AlongRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        weigh(self.out, self.source, 4, self.weights);
     }
 }
 

@@ -145,7 +145,10 @@ impl Pair {
             let (a, b) = mvs_metrics::distance::both_ways(&reconstruction, &truth)?;
             return Ok((Score::from_distances(&a, &b, self.tolerance), None));
         }
-        let asked = |points: &[DVec3]| sample(points, setting.every, seed);
+        // Two draws: the same indices of both clouds would err together, and the interval takes them
+        // as independent.
+        let seed = seed.wrapping_mul(2);
+        let asked = |points: &[DVec3], draw: u64| sample(points, setting.every, seed ^ draw);
         let ask = |queries: &[DVec3], cloud: &[DVec3]| -> Result<Vec<f64>> {
             let index = BlockIndex::new(cloud)?;
             Ok(if bound.is_finite() {
@@ -154,8 +157,8 @@ impl Pair {
                 index.distances(queries)
             })
         };
-        let from_reconstruction = ask(&asked(&reconstruction), &truth)?;
-        let from_truth = ask(&asked(&truth), &reconstruction)?;
+        let from_reconstruction = ask(&asked(&reconstruction, 0), &truth)?;
+        let from_truth = ask(&asked(&truth, 1), &reconstruction)?;
         let score = Score::from_distances(&from_reconstruction, &from_truth, self.tolerance);
         let totals = (reconstruction.len(), truth.len());
         let width = (setting.every > 1).then(|| half_width(&score, totals));

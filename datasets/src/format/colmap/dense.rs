@@ -37,8 +37,8 @@ fn read(bytes: &[u8], expected: u32) -> Result<Channels, FormatError> {
     }
     let body = &bytes[start..];
     let pixels = u64::from(width) * u64::from(height);
-    let length = 4 * pixels * u64::from(channels);
-    if body.len() as u64 != length {
+    let length = 4 * u128::from(pixels) * u128::from(channels);
+    if body.len() as u128 != length {
         let problem = format!(
             "expected {length} bytes for {width} x {height} x {channels} values, found {}",
             body.len()

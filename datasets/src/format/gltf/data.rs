@@ -3,6 +3,9 @@
 use super::wire::{Accessor, Root};
 use crate::error::FormatError;
 
+/// Component types of unsigned integers of 1, 2 and 4 bytes.
+const UNSIGNED: [u32; 3] = [5121, 5123, 5125];
+
 /// The JSON and, in a GLB, the binary chunk.
 pub(super) fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), FormatError> {
     if !bytes.starts_with(b"glTF") {
@@ -130,6 +133,21 @@ impl Document<'_> {
             )
         })?;
         Ok((bytes, view.byte_stride))
+    }
+
+    /// The numbers of an accessor of vertex indices.
+    pub(super) fn indices(&self, index: usize) -> Result<Vec<f64>, String> {
+        if let Some(accessor) = self.root.accessors.get(index) {
+            let kind = accessor.component_type;
+            if accessor.shape != "SCALAR" || !UNSIGNED.contains(&kind) {
+                let shape = super::super::text::shown(&accessor.shape);
+                return Err(format!(
+                    "accessor {index}: expected vertex indices (unsigned scalars), found {shape:?} of component type {kind}"
+                ));
+            }
+        }
+        let values = self.elements::<1>(index)?;
+        Ok(values.into_iter().map(|[value]| value).collect())
     }
 
     /// The elements of an accessor, `N` or more numbers each of which the first `N` are kept.

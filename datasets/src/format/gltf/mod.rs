@@ -325,9 +325,9 @@ impl<'d> Reader<'d> {
         let order: Vec<usize> = match primitive.indices {
             None => (0..count).collect(),
             Some(index) => {
-                let indices = self.document.elements::<1>(index)?.into_iter();
+                let indices = self.document.indices(index)?.into_iter();
                 indices
-                    .map(|[index]| vertex(index, count))
+                    .map(|index| vertex(index, count))
                     .collect::<Result<_, _>>()?
             }
         };

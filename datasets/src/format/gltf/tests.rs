@@ -157,7 +157,12 @@ fn what_cannot_be_read_gets_one_sentence() {
         (
             r#""indices": 2"#,
             r#""indices": 0"#,
-            "expected vertex indices below 4",
+            "expected vertex indices (unsigned scalars), found \"VEC3\"",
+        ),
+        (
+            r#""count": 4, "type": "VEC3""#,
+            r#""count": 3, "type": "VEC3""#,
+            "expected vertex indices below 3",
         ),
         (
             r#""bufferView": 0"#,
