@@ -183,11 +183,14 @@ impl Blender {
             .zip(photograph)
             .zip(&inputs.mask.values()[range]);
         for (sample, ((rendered, photograph), &inside)) in out.iter_mut().zip(pixels) {
-            let [photograph, rendered] =
-                [photograph, rendered].map(|pixel| pixel.map(|level| table[usize::from(level)]));
             let weight = f32::from(u8::from(inside));
             let kept = weight.max(outside);
-            let value = |channel: usize| kept * photograph[channel] - weight * rendered[channel];
+            // Channel by channel: arrays of three that are mapped pass through memory.
+            let value = |channel: usize| {
+                let [photograph, rendered] =
+                    [photograph[channel], rendered[channel]].map(|level| table[usize::from(level)]);
+                kept * photograph - weight * rendered
+            };
             *sample = [value(0), value(1), value(2), weight];
         }
     }

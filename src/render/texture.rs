@@ -37,12 +37,16 @@ impl Border {
     }
 }
 
-#[inline]
 /// The colour at texture coordinates with (0, 0) at the bottom-left outer corner, as 8-bit sRGB
 /// values that are interpolated as they are.
+#[inline]
 pub(crate) fn bilinear(texture: &ColorImage, coord: Vec2, border: Border) -> Vec3 {
     let around = Around::new(texture.size(), coord, border);
-    let texel = |column, row| Vec3::from(texture.get(column, row).map(f32::from));
+    // One by one: an array of three that is mapped passes through memory.
+    let texel = |column, row| {
+        let [r, g, b] = texture.get(column, row);
+        Vec3::new(f32::from(r), f32::from(g), f32::from(b))
+    };
     around.mix(texel, Vec3::lerp)
 }
 
@@ -78,8 +82,8 @@ impl Around {
     }
 }
 
-#[inline]
 /// The two texels beside a coordinate in 0…1 along one axis, and the weight of the second.
+#[inline]
 fn neighbours(coord: f32, size: u32, border: Border) -> (u32, u32, f32) {
     let coord = match border {
         Border::Clamp => coord.clamp(0.0, 1.0),
