@@ -23,6 +23,10 @@ pub(super) struct Cost {
 /// Runs `work` at least `repeats` times; the last run's value and the cost of one. The system advances
 /// its account of CPU time in steps of some milliseconds, so it is read around all runs together.
 pub(super) fn measure<T>(repeats: u32, mut work: impl FnMut() -> Result<T>) -> Result<(T, Cost)> {
+    #[allow(
+        clippy::disallowed_methods,
+        reason = "a switch of the kernel, not a result"
+    )]
     let peak_is_reset = fs::write("/proc/self/clear_refs", "5").is_ok();
     let (wall, cpu) = (Instant::now(), cpu_seconds());
     let mut runs = 0;
