@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 pub struct Source<'a> {
     /// The scene's name.
     pub name: &'a str,
-    /// The name of its folder, as [`scene_id`] makes it from the name.
+    /// The name of its folder, as [`super::scene_id`] makes it from the name.
     pub id: &'a str,
     /// The textured surface.
     pub mesh: &'a Mesh,

@@ -1,4 +1,4 @@
-//! The plot of [`curve_svg`](super::curve_svg) as pixels, the same bytes for the same numbers.
+//! The plot of [`curve_svg`] as pixels, the same bytes for the same numbers.
 
 use super::canvas;
 use super::curve_svg::{self, Curves, PLOT, SIZE};
