@@ -7,12 +7,12 @@ use crate::error::Result;
 use glam::{DVec3, dvec3};
 use mvs_datasets::scene::ColorImage;
 
-/// The viewer's first pose: turn and tilt in radians, distance and focal length where the cloud's
-/// longest axis is 1. `page.js` has the same numbers.
+/// The viewer's first pose: turn and tilt in radians, focal length in half heights, and the part of the
+/// picture that the cloud's box may reach. `page.js` has the same numbers.
 const YAW: f64 = 0.7;
 const PITCH: f64 = 0.55;
-const DISTANCE: f64 = 1.3;
 const FOCAL: f64 = 1.9;
+const REACHED: f64 = 0.95;
 const GROUND: [u8; 3] = [16, 20, 24];
 /// Errors get the last colour at so many thresholds, as where the viewer's slider begins.
 const REACH: f64 = 1.0;
@@ -33,6 +33,11 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     ];
     let (w, h) = (f64::from(width), f64::from(height));
     let focal = FOCAL * (w / h).min(1.0) * h / 2.0;
+    let away = fitted(
+        &axes,
+        (high - low) / extent / 2.0,
+        [2.0 * focal / w, 2.0 * focal / h],
+    );
     #[allow(
         clippy::cast_precision_loss,
         reason = "point counts are far below 2^53"
@@ -42,7 +47,7 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     let mut nearest = vec![f64::INFINITY; image.values().len()];
     for (&position, &distance) in cloud.positions.iter().zip(cloud.distances) {
         let place = (position - middle) / extent;
-        let depth = DISTANCE - axes[2].dot(place);
+        let depth = away - axes[2].dot(place);
         if !(position.is_finite() && depth > 0.01) {
             continue;
         }
@@ -61,6 +66,18 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
         }
     }
     Ok(image)
+}
+
+/// How far the eye is from the middle so that all corners of the box are in the picture; `half` its half
+/// edges, `focal` in half widths and half heights.
+fn fitted(axes: &[DVec3; 3], half: DVec3, focal: [f64; 2]) -> f64 {
+    let corners = (0..8).map(|corner| {
+        let sign = |axis: u32| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
+        let place = half * dvec3(sign(0), sign(1), sign(2));
+        let side = |axis: usize| focal[axis] * axes[axis].dot(place).abs();
+        axes[2].dot(place) + side(0).max(side(1)) / REACHED
+    });
+    corners.fold(0.15, f64::max)
 }
 
 /// The pixels whose centres are at most `half` from `at`, at least the one that holds it.
@@ -112,5 +129,43 @@ mod tests {
             (100..400).contains(&lit),
             "three squares of 8 pixels, found {lit}"
         );
+    }
+
+    #[test]
+    fn every_corner_of_the_box_is_in_the_picture() {
+        let corners = |half: DVec3| -> Vec<DVec3> {
+            let sign = |bit: u32| if bit & 1 == 1 { 1.0 } else { -1.0 };
+            let corner = |i: u32| half * dvec3(sign(i), sign(i >> 1), sign(i >> 2));
+            (0..8).map(corner).collect()
+        };
+        for (half, size) in [
+            (DVec3::ONE, (300, 200)),
+            (dvec3(1.0, 1.0, 0.05), (200, 300)),
+            (dvec3(0.1, 0.2, 3.0), (400, 200)),
+        ] {
+            let positions = corners(half);
+            let cloud = ErrorCloud {
+                name: "",
+                positions: &positions,
+                distances: &[0.0; 8],
+                tau: 1.0,
+                unit: "",
+            };
+            let image = draw(&cloud, size.0, size.1).unwrap();
+            let rows = |row: u32| (0..size.0).map(move |column| (column, row));
+            let columns = |column: u32| (0..size.1).map(move |row| (column, row));
+            let border = rows(0).chain(rows(size.1 - 1));
+            let mut border = border.chain(columns(0)).chain(columns(size.0 - 1));
+            assert!(
+                border.all(|(column, row)| image.get(column, row) == GROUND),
+                "{half}"
+            );
+            let lit = image
+                .values()
+                .iter()
+                .filter(|&&pixel| pixel != GROUND)
+                .count();
+            assert!(lit > 4 * 16, "{half}: {lit}");
+        }
     }
 }

@@ -103,7 +103,30 @@
     ["view", "middle", "scale", "full", "size"].forEach(function (uniform) {
       at[uniform] = gl.getUniformLocation(program, uniform);
     });
-    var count = 0, cloud = null, yaw = 0.7, pitch = 0.55, distance = 1.3, spinning = false;
+    var count = 0, cloud = null, yaw = 0.7, pitch = 0.55, distance = 1, spinning = false;
+
+    // Rows of the camera: right, up, back; the eye circles the middle, +Z up.
+    function camera() {
+      var cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch);
+      return [[-sy, cy, 0], [-sp * cy, -sp * sy, cp], [cp * cy, cp * sy, sp]];
+    }
+    function focal() {
+      var aspect = canvas.clientWidth / Math.max(1, canvas.clientHeight), fy = 1.9 * Math.min(1, aspect);
+      return [fy / aspect, fy];
+    }
+    // From where all corners of the cloud's box are in the picture.
+    function fit() {
+      var axes = camera(), lens = focal(), farthest = 0;
+      for (var corner = 0; corner < 8; corner++) {
+        var at = axes.map(function (axis) {
+          return axis.reduce(function (sum, part, i) {
+            return sum + part * cloud.middle[i] / 65535 * (corner >> i & 1 ? 1 : -1);
+          }, 0);
+        });
+        farthest = Math.max(farthest, at[2] + Math.max(lens[0] * Math.abs(at[0]), lens[1] * Math.abs(at[1])) / 0.95);
+      }
+      return Math.max(0.15, farthest);
+    }
 
     function draw() {
       var ratio = window.devicePixelRatio || 1;
@@ -112,14 +135,11 @@
       gl.viewport(0, 0, canvas.width, canvas.height);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       if (!count) { return; }
-      var cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch);
-      var narrow = Math.min(1, canvas.width / canvas.height), fy = 1.9 * narrow, fx = fy * canvas.height / canvas.width;
       var near = 0.01, far = 20, a = (far + near) / (near - far), b = 2 * far * near / (near - far);
-      // Rows of the camera: right, up, back; the eye circles the middle, +Z up.
-      var right = [-sy, cy, 0], up = [-sp * cy, -sp * sy, cp], back = [cp * cy, cp * sy, sp];
+      var lens = focal(), axes = camera(), right = axes[0], up = axes[1], back = axes[2];
       var matrix = new Float32Array(16);
       for (var i = 0; i < 3; i++) {
-        matrix[4 * i] = fx * right[i]; matrix[4 * i + 1] = fy * up[i];
+        matrix[4 * i] = lens[0] * right[i]; matrix[4 * i + 1] = lens[1] * up[i];
         matrix[4 * i + 2] = a * back[i]; matrix[4 * i + 3] = -back[i];
       }
       matrix[14] = a * -distance + b; matrix[15] = distance;
@@ -147,6 +167,7 @@
         var data = points(planes);
         cloud = clouds[index];
         count = data.length / 4;
+        distance = fit();
         gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
         relabel();
       });

@@ -1,7 +1,7 @@
-//! The knobs of fusion: number of sources, sampling and mode, against all sources.
+//! The knobs of fusion: sources, gates, sampling, map size and mode, against all sources.
 
 use super::rows::{Measured, Row, rows};
-use super::{TradeoffJob, clock};
+use super::{TradeoffJob, clock, shrink};
 use crate::error::{Error, Result};
 use crate::fuse::{FuseMode, FuseOptions, Sampling};
 use crate::jobs::Context;
@@ -10,47 +10,92 @@ use glam::DVec3;
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_metrics::{Score, Tolerance, distance};
+use std::path::{Path, PathBuf};
 
-fn settings() -> Vec<(&'static str, String, FuseOptions)> {
-    let exact = FuseOptions {
+/// What is fused, and how.
+struct Setting {
+    knob: &'static str,
+    name: String,
+    options: FuseOptions,
+    /// Maps of a `shrink`-th of the width and height are fused.
+    shrink: u32,
+}
+
+fn settings() -> Vec<Setting> {
+    let exact = || FuseOptions {
         max_sources: 0,
         ..FuseOptions::default()
     };
-    let mut all = vec![("exact", "hkust, all sources".to_owned(), exact.clone())];
+    let setting = |knob, name: &str, options| Setting {
+        knob,
+        name: name.to_owned(),
+        options,
+        shrink: 1,
+    };
+    let turned = |knob, name: &str, turn: &dyn Fn(&mut FuseOptions)| {
+        let mut options = exact();
+        turn(&mut options);
+        setting(knob, name, options)
+    };
+    let mut all = vec![setting("exact", "hkust, all sources", exact())];
     for count in [3, 5, 7, 10] {
-        let options = FuseOptions {
-            max_sources: count,
-            ..exact.clone()
-        };
-        all.push(("sources", count.to_string(), options));
+        let turn = |options: &mut FuseOptions| options.max_sources = count;
+        all.push(turned("sources", &count.to_string(), &turn));
     }
-    let options = FuseOptions {
-        sampling: Sampling::Plain,
-        ..exact.clone()
-    };
-    all.push(("sampling", "plain".to_owned(), options));
-    let options = FuseOptions {
-        normals: false,
-        ..exact
-    };
-    all.push(("normals", "left out".to_owned(), options));
+    for degrees in [0.0, 10.0, 20.0, 30.0, 45.0] {
+        let turn = |options: &mut FuseOptions| options.wide_angle = degrees;
+        all.push(turned("wide angle", &format!("{degrees}°"), &turn));
+    }
+    for share in [0.005, 0.02, 0.08] {
+        let turn = |options: &mut FuseOptions| options.similar_depth = share;
+        all.push(turned("similar depth", &share.to_string(), &turn));
+    }
+    let plain = |options: &mut FuseOptions| options.sampling = Sampling::Plain;
+    all.push(turned("sampling", "plain", &plain));
+    let bare = |options: &mut FuseOptions| options.normals = false;
+    all.push(turned("normals", "left out", &bare));
+    for (name, shrink) in [("a half", 2), ("a quarter", 4)] {
+        all.push(Setting {
+            shrink,
+            ..setting("map size", name, exact())
+        });
+    }
     for (name, mode) in [
         ("geo", FuseMode::Geo),
         ("dynamic", FuseMode::Dynamic),
         ("gipuma", FuseMode::Gipuma),
+        ("cluster", FuseMode::Cluster),
     ] {
-        all.push((
-            "mode",
-            format!("{name}, its own values"),
-            FuseOptions::of(mode),
-        ));
+        let name = format!("{name}, its own values");
+        all.push(setting("mode", &name, FuseOptions::of(mode)));
     }
     all
 }
 
+/// The folders of depth and of confidence maps of a `by`-th of the size, made in `scratch` where they
+/// are not there yet.
+fn maps(job: &TradeoffJob, scratch: &Path, by: u32) -> Result<(PathBuf, Vec<PathBuf>)> {
+    let (depths, confidence) = (job.depths.clone().unwrap_or_default(), &job.confidence);
+    if by == 1 {
+        return Ok((depths, confidence.iter().cloned().collect()));
+    }
+    let small = scratch.join(format!("depth-{by}"));
+    if !small.exists() {
+        shrink::folder((&depths, &small), by, shrink::depth)?;
+    }
+    let folders = confidence.iter().map(|folder| {
+        let small = scratch.join(format!("confidence-{by}"));
+        if !small.exists() {
+            shrink::folder((folder, &small), by, shrink::confidence)?;
+        }
+        Ok(small)
+    });
+    Ok((small, folders.collect::<Result<_>>()?))
+}
+
 /// Fuses at every setting; F against the job's `fuse_truth`, or against the exact setting's cloud.
 pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
-    let (Some(scene), Some(depths)) = (&job.scene, &job.depths) else {
+    let (Some(scene), Some(_)) = (&job.scene, &job.depths) else {
         return Ok(Vec::new());
     };
     let scratch = ScratchFolder::beside(&job.out.join("fused"))?;
@@ -65,17 +110,18 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         ..*context
     };
     let mut measured = Vec::new();
-    for (knob, setting, options) in settings {
+    for setting in settings {
         context.progress.check()?;
+        let (depths, confidence) = maps(job, scratch.folder(), setting.shrink)?;
         let fuse_job = FuseJob {
             scene: scene.clone(),
-            depths: depths.clone(),
-            confidence: job.confidence.iter().cloned().collect(),
+            depths,
+            confidence,
             out: scratch.folder().join("cloud.ply"),
             pixel_center: job.pixel_center,
             fuse: FuseOptions {
                 min_confidence: job.min_confidence,
-                ..options
+                ..setting.options
             },
             ..FuseJob::default()
         };
@@ -86,15 +132,22 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
             .map_err(|error| Error::invalid("fused cloud", error.to_string()))?;
         let value = Score::from_distances(&to_truth, &to_cloud, tolerance).f_score();
         measured.push(Measured {
-            knob,
-            setting,
+            knob: setting.knob,
+            setting: setting.name,
             cost,
             value,
             half_width: None,
         });
     }
-    let default = FuseOptions::default().max_sources.to_string();
+    let default = FuseOptions::default();
+    let defaults = [
+        ("sources", default.max_sources.to_string()),
+        ("wide angle", format!("{}°", default.wide_angle)),
+        ("similar depth", default.similar_depth.to_string()),
+    ];
     Ok(rows(("fuse", "F"), measured, |knob, setting| {
-        knob == "sources" && setting == default
+        defaults
+            .iter()
+            .any(|(of, value)| *of == knob && value == setting)
     }))
 }

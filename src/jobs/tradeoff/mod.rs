@@ -7,6 +7,7 @@ mod plot;
 mod render;
 mod rows;
 mod score;
+mod shrink;
 
 pub use rows::{Row, sentences};
 

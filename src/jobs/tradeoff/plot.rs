@@ -3,7 +3,7 @@
 use super::rows::Row;
 use std::fmt::Write;
 
-const PANEL: (f64, f64) = (360.0, 270.0);
+const PANEL: (f64, f64) = (440.0, 320.0);
 const MARGIN: (f64, f64) = (56.0, 44.0);
 const STYLE: &str = "text{font:12px system-ui,sans-serif;fill:#1d2733}.h{font-weight:600;font-size:14px}\
 .s{fill:#5d6b7a;font-size:11px}.p{fill:#ffffff}.a{stroke:#5d6b7a;fill:none}.d{fill:#9aa7b4}\
@@ -76,34 +76,42 @@ fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
         largest / 1000.0,
         PANEL.0 - 20.0,
     );
-    let mut front: Vec<(f64, f64)> = Vec::new();
-    for (row, &time) in rows.iter().zip(&times) {
-        let (x, y) = (x(time), y(row.difference.abs()));
+    let places: Vec<(f64, f64)> = rows
+        .iter()
+        .zip(&times)
+        .map(|(row, &time)| (x(time), y(row.difference.abs())))
+        .collect();
+    for (row, (x, y)) in rows.iter().zip(&places) {
         let class = if row.front { "f" } else { "d" };
         let _ = writeln!(
             text,
             "<circle class=\"{class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\"><title>{}: {}</title></circle>",
             row.knob, row.setting
         );
-        if row.front || row.default {
-            let end = x > PANEL.0 - 110.0;
-            let (at, anchor) = if end {
-                (x - 8.0, "end")
-            } else {
-                (x + 8.0, "start")
-            };
-            let _ = writeln!(
-                text,
-                "<text class=\"s\" x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{} {}</text>",
-                y - 6.0,
-                row.knob,
-                row.setting
-            );
-        }
-        if row.front {
-            front.push((x, y));
-        }
     }
+    let mut taken: Vec<Area> = places.iter().map(|&at| Area::around(at)).collect();
+    for (row, &at) in rows.iter().zip(&places) {
+        if !(row.front || row.default) {
+            continue;
+        }
+        let name = format!("{} {}", row.knob, row.setting);
+        let Some(area) = Area::beside(at, &name, &taken) else {
+            continue;
+        };
+        let _ = writeln!(
+            text,
+            "<text class=\"s\" x=\"{:.1}\" y=\"{:.1}\">{name}</text>",
+            area.left,
+            area.bottom - 3.0
+        );
+        taken.push(area);
+    }
+    let mut front: Vec<(f64, f64)> = places
+        .iter()
+        .zip(rows)
+        .filter(|(_, row)| row.front)
+        .map(|(&at, _)| at)
+        .collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
     let path: Vec<String> = front
         .iter()
@@ -111,6 +119,58 @@ fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
         .collect();
     let _ = writeln!(text, "<path class=\"l\" d=\"M{}\"/>", path.join("L"));
     Some(())
+}
+
+/// A rectangle of the panel.
+#[derive(Debug, Clone, Copy)]
+struct Area {
+    left: f64,
+    right: f64,
+    top: f64,
+    bottom: f64,
+}
+
+impl Area {
+    /// That of a dot.
+    fn around((x, y): (f64, f64)) -> Self {
+        Self {
+            left: x - 5.0,
+            right: x + 5.0,
+            top: y - 5.0,
+            bottom: y + 5.0,
+        }
+    }
+
+    /// The nearest place for a name beside a dot that covers nothing; none if there is none.
+    fn beside((x, y): (f64, f64), name: &str, taken: &[Self]) -> Option<Self> {
+        const HEIGHT: f64 = 13.0;
+        #[allow(clippy::cast_precision_loss, reason = "a name's length")]
+        let width = 5.9 * name.chars().count() as f64;
+        let lifts = (0..6).flat_map(|step| [-1.0, 1.0].map(|sign| sign * HEIGHT * f64::from(step)));
+        let places = lifts.flat_map(|lift| [x + 8.0, x - 8.0 - width].map(|left| (left, y + lift)));
+        let areas = places.map(|(left, middle)| Self {
+            left,
+            right: left + width,
+            top: middle - HEIGHT / 2.0,
+            bottom: middle + HEIGHT / 2.0,
+        });
+        let inside = |area: &Self| {
+            area.left > 4.0
+                && area.right < PANEL.0 - 4.0
+                && area.top > 30.0
+                && area.bottom < PANEL.1 - 26.0
+        };
+        areas
+            .filter(inside)
+            .find(|area| !taken.iter().any(|other| area.overlaps(other)))
+    }
+
+    fn overlaps(&self, other: &Self) -> bool {
+        self.left < other.right
+            && other.left < self.right
+            && self.top < other.bottom
+            && other.top < self.bottom
+    }
 }
 
 #[cfg(test)]
@@ -125,5 +185,17 @@ mod tests {
         assert_eq!(text.matches("<circle class=\"d\"").count(), 2);
         assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
         assert!(svg(&[]).is_none());
+    }
+
+    #[test]
+    fn names_cover_neither_dots_nor_names() {
+        let dots = [(100.0, 100.0), (104.0, 102.0), (108.0, 99.0), (90.0, 101.0)];
+        let mut taken: Vec<Area> = dots.iter().map(|&at| Area::around(at)).collect();
+        for &at in &dots {
+            let area = Area::beside(at, "samples 16", &taken).unwrap();
+            assert!(!taken.iter().any(|other| area.overlaps(other)));
+            taken.push(area);
+        }
+        assert!(Area::beside((100.0, 100.0), &"long ".repeat(40), &taken).is_none());
     }
 }
