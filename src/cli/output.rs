@@ -1,8 +1,7 @@
 //! The only place that prints.
 
 use super::common::Format;
-use comfy_table::Table;
-use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
+use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use mvs_eval::warning::Warning;
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
@@ -33,7 +32,9 @@ pub(crate) fn answer(
         Format::Json => false,
     };
     let text = if as_table {
-        table().to_string()
+        let mut shown = table();
+        numbers_to_the_right(&mut shown);
+        shown.to_string()
     } else {
         serde_json::to_string_pretty(value)?
     };
@@ -43,17 +44,44 @@ pub(crate) fn answer(
     }
 }
 
+/// Rules above and below and under the header, none between rows.
+const STYLE: TableStyle = {
+    let rule = LineStyle::none().fill('─').junction('─');
+    TableStyle::new()
+        .top_border(rule)
+        .header_separator(rule)
+        .bottom_border(rule)
+};
+
+/// Aligns the columns that hold nothing but numbers and marks of what is missing.
+fn numbers_to_the_right(table: &mut Table) {
+    let is_number = |text: &str| text.trim().trim_end_matches('%').parse::<f64>().is_ok();
+    for index in 0..table.column_iter().count() {
+        let cells = || {
+            table
+                .column_cells_iter(index)
+                .flatten()
+                .map(|cell| cell.content())
+        };
+        let numeric = cells().all(|text| text.is_empty() || text == "–" || is_number(&text))
+            && cells().any(|text| is_number(&text));
+        if let Some(column) = table.column_mut(index).filter(|_| numeric) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+}
+
 /// An empty table in the house style.
 pub(crate) fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
-    table.load_style(UTF8_HORIZONTAL_ONLY).set_header(header);
+    table.load_style(STYLE).set_header(header);
     table
 }
 
 /// A table of names and values.
 pub(crate) fn pairs(rows: &[(&str, String)]) -> Table {
     let mut table = Table::new();
-    table.load_style(UTF8_HORIZONTAL_ONLY);
+    table.load_style(STYLE);
     for (name, value) in rows {
         table.add_row([*name, value.as_str()]);
     }

@@ -13,6 +13,7 @@ use crate::fuse::{
 };
 use crate::provenance::Run;
 use glam::DVec3;
+pub(super) use maps::find_image;
 use maps::{FileScratch, FolderMaps};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};

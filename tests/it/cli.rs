@@ -262,3 +262,30 @@ fn depth_and_confidence_of_different_size_and_missing_depths_are_named() {
     assert_refused(&arguments, &["cams", "00000000.pfm"]);
     assert!(!out.exists());
 }
+
+/// An image beside the cams tells their size, and that these count from the first pixel's centre.
+#[test]
+fn inspect_recognises_cams_with_integer_pixel_centres() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = mvs_datasets::scene::ColorImage::filled(40, 30, [9; 3]).unwrap();
+    let mut png = Vec::new();
+    mvs_datasets::format::image::write_png(&mut png, &image).unwrap();
+    write(&folder.path().join("images/00000000.png"), png);
+    let cams = folder.path().join("cams");
+    let inspect = |cam: &str, arguments: &[&str]| {
+        write(&cams.join("00000000_cam.txt"), cam);
+        let output = mvs_eval(&[&["inspect", text(&cams)][..], arguments].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let integer = CAM
+        .replace("40 0 20", "40 0 19.5")
+        .replace("40 15", "40 14.5");
+    let said = inspect(&integer, &[]);
+    assert!(said.contains("40x30 px"), "{said}");
+    assert!(said.contains("use --pixel-center integer"), "{said}");
+    let said = inspect(&integer, &["--pixel-center", "integer"]);
+    assert!(said.contains("principal point (20, 15) px"), "{said}");
+    assert!(!said.contains("use --pixel-center"), "{said}");
+    assert!(!inspect(CAM, &[]).contains("use --pixel-center"));
+}

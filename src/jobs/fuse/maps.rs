@@ -161,7 +161,7 @@ fn find_mask(folder: &Path, id: u32) -> Result<PathBuf> {
 }
 
 /// The image of view `id`, if the scene has one.
-fn find_image(scene: &Path, id: u32) -> Option<PathBuf> {
+pub(in crate::jobs) fn find_image(scene: &Path, id: u32) -> Option<PathBuf> {
     let names = [".jpg", ".png"].map(|suffix| mvsnet::file_name(id, suffix));
     let folders = IMAGE_FOLDERS.iter().map(|folder| scene.join(folder));
     folders

@@ -1,15 +1,17 @@
 //! `mvs-eval inspect`: what a file or folder is, as this program understands it.
 
+mod cameras;
+mod text;
+
 use super::Context;
 use crate::error::{Error, Result};
-use glam::DVec2;
-use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::{files, mesh};
-use mvs_datasets::scene::{Aabb, ColorImage, Distortion, Material, Mesh, Scene, View};
+use mvs_datasets::scene::{Aabb, ColorImage, Material, Mesh};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use text::{between, box_text};
 
 /// Options of `mvs-eval inspect`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -84,116 +86,7 @@ fn unknown(path: &Path) -> Error {
 type Answer = Result<(&'static str, Vec<Fact>)>;
 
 fn inspect_folder(job: &InspectJob) -> Answer {
-    let options = CamerasOptions {
-        pixel_centre: job.pixel_center,
-        ..CamerasOptions::default()
-    };
-    match cameras::read_scene(&job.path, &options) {
-        Ok(read) => Ok((source_name(read.source), camera_facts(read))),
-        Err(no_cams) => inspect_mesh(&job.path).map_err(|_| no_cams.into()),
-    }
-}
-
-fn source_name(source: CameraSource) -> &'static str {
-    match source {
-        CameraSource::Cams => "MVSNet cameras",
-        CameraSource::Colmap => "COLMAP model",
-        CameraSource::Transforms => "transforms.json",
-        CameraSource::Log => "camera trajectory",
-    }
-}
-
-fn camera_facts(read: ReadCameras) -> Vec<Fact> {
-    let mut facts = vec![fact("read from", read.path.display().to_string())];
-    facts.extend(scene_facts(&read.scene));
-    facts.extend(read.notes.into_iter().map(|note| fact("note", note)));
-    facts
-}
-
-fn scene_facts(scene: &Scene) -> Vec<Fact> {
-    let views = scene.views();
-    let mut facts = vec![fact("views", views.len().to_string())];
-    if let (Some(first), Some(last)) = (views.first(), views.last()) {
-        facts.push(fact("ids", format!("{} … {}", first.id, last.id)));
-        facts.push(fact("first view", view_text(first)));
-    }
-    facts.push(fact("lens", lens_text(views)));
-    let centers = Aabb::around(views.iter().map(|view| view.pose.center_in_world()));
-    facts.push(fact("camera centres", box_text(centers)));
-    let ranges: Vec<_> = views.iter().filter_map(|view| view.depth_range).collect();
-    let min = ranges.iter().map(|range| range.min()).reduce(f64::min);
-    let max = ranges.iter().map(|range| range.max()).reduce(f64::max);
-    if let (Some(min), Some(max)) = (min, max) {
-        facts.push(fact("depth ranges", format!("{min} … {max}")));
-    }
-    let sources = (0..views.len()).map(|index| scene.sources_of(index).len());
-    let (least, most) = (
-        sources.clone().min().unwrap_or(0),
-        sources.max().unwrap_or(0),
-    );
-    facts.push(fact("source views per view", format!("{least} … {most}")));
-    facts
-}
-
-fn view_text(view: &View) -> String {
-    let camera = view.camera;
-    let (focal, center) = (camera.focal(), camera.center());
-    format!(
-        "{}x{} px, focal lengths {} and {} px, principal point ({}, {}) px from the outer corner",
-        camera.width(),
-        camera.height(),
-        focal.x,
-        focal.y,
-        center.x,
-        center.y
-    )
-}
-
-/// What lenses do, in plain words.
-fn lens_text(views: &[View]) -> String {
-    let bent = |view: &&View| view.camera.distortion() != Distortion::None;
-    let Some(first) = views.iter().find(bent) else {
-        return "none: pinhole cameras".to_owned();
-    };
-    let kind = match first.camera.distortion() {
-        Distortion::None => "none",
-        Distortion::RadialTangential { .. } => "radial and tangential",
-        Distortion::Fisheye { .. } => "fisheye",
-        Distortion::ThinPrismFisheye { .. } => "thin-prism fisheye",
-        Distortion::FieldOfView { .. } => "field-of-view",
-    };
-    let camera = first.camera;
-    let size = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
-    let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE].map(|part| part * size);
-    let angle = |corner: DVec2| {
-        let ray = camera.ray(corner);
-        ray.is_finite()
-            .then(|| ray.truncate().length().atan().to_degrees())
-    };
-    let reach: Vec<f64> = corners.into_iter().filter_map(angle).collect();
-    let corner = match reach.iter().copied().reduce(f64::max) {
-        Some(degrees) if reach.len() == 4 => {
-            format!("its corners look up to {degrees:.1} degrees off the axis")
-        }
-        _ => "its corners lie outside its field, where there are no rays".to_owned(),
-    };
-    let count = views.iter().filter(bent).count();
-    format!(
-        "{count} of {} views have a {kind} lens; that of view {}: {corner}",
-        views.len(),
-        first.id
-    )
-}
-
-fn box_text(bounds: Aabb) -> String {
-    if bounds.is_empty() {
-        return "none".to_owned();
-    }
-    let (min, max) = (bounds.min, bounds.max);
-    format!(
-        "{} … {}, {} … {}, {} … {}",
-        min.x, max.x, min.y, max.y, min.z, max.z
-    )
+    cameras::inspect(job).or_else(|no_cams| inspect_mesh(&job.path).map_err(|_| no_cams))
 }
 
 fn inspect_ply(path: &Path) -> Answer {
@@ -313,7 +206,9 @@ fn inspect_depth(path: &Path) -> Answer {
     let (depth, rejected) = files::read_depth(path)?;
     let valid = || depth.values().iter().copied().filter(|&value| value > 0.0);
     let range = valid().reduce(f32::min).zip(valid().reduce(f32::max));
-    let range = range.map_or("none".to_owned(), |(min, max)| format!("{min} … {max}"));
+    let range = range.map_or("none".to_owned(), |(min, max)| {
+        between(min.into(), max.into())
+    });
     let facts = vec![
         fact("size", format!("{}x{}", depth.width(), depth.height())),
         fact("pixels with a depth", depth.valid_count().to_string()),
@@ -351,24 +246,14 @@ fn inspect_log(path: &Path) -> Answer {
 
 /// A crop volume, or cameras as transforms.json has them.
 fn inspect_json(job: &InspectJob) -> Answer {
-    let path = &job.path;
-    let options = CamerasOptions {
-        pixel_centre: job.pixel_center,
-        ..CamerasOptions::default()
-    };
-    let volume = match files::read_crop(path) {
+    let volume = match files::read_crop(&job.path) {
         Ok(volume) => volume,
-        Err(no_crop) => {
-            return match cameras::read_scene(path, &options) {
-                Ok(read) => Ok((source_name(read.source), camera_facts(read))),
-                Err(_) => Err(no_crop.into()),
-            };
-        }
+        Err(no_crop) => return cameras::inspect(job).map_err(|_| no_crop.into()),
     };
     let (min, max) = volume.range();
     let facts = vec![
         fact("swept along", format!("{:?}", volume.axis())),
-        fact("from … to", format!("{min} … {max}")),
+        fact("from … to", between(min, max)),
         fact("polygon vertices", volume.polygon().len().to_string()),
     ];
     Ok(("crop volume", facts))
