@@ -122,13 +122,13 @@ fn measure(side: u32, repeats: usize) {
             pose: Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.0, 1.0)).unwrap(),
             depth_range: None,
         };
-        let mut pixels: Vec<Seen> = Vec::new();
+        let mut seen = Seen::default();
         let hits = renderer.visible_count(&view);
-        renderer.see(&view, &mut pixels).unwrap();
+        renderer.see(&view, &mut seen).unwrap();
         let visibility = timed(repeats, || {
             renderer.visible_count(&view);
         });
-        let maps = timed(repeats, || renderer.see(&view, &mut pixels).unwrap());
+        let maps = timed(repeats, || renderer.see(&view, &mut seen).unwrap());
         rows.push(format!(
             r#"{{"hits": {hits}, "visibility_s": {visibility}, "maps_s": {maps}}}"#
         ));

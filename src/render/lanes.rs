@@ -3,15 +3,19 @@
 //! What is computed with them is only ever a first guess with a known error, so a set of
 //! instructions may round differently (fused or not) without changing a result.
 
+use super::doubles::Doubles;
+
 /// Numbers side by side.
 pub(crate) const LANES: usize = 8;
 /// All of them, as bits.
 pub(crate) const ALL: u32 = (1 << LANES) - 1;
 
 /// A set of instructions. Comparisons with NaN are false, and so is its lane's bit.
-pub(crate) trait Lanes: Copy {
+pub(crate) trait Lanes: Doubles {
     /// Eight f32.
     type V: Copy;
+    /// Eight answers.
+    type M: Copy;
     fn load(self, values: &[f32; LANES]) -> Self::V;
     fn store(self, values: Self::V) -> [f32; LANES];
     fn splat(self, value: f32) -> Self::V;
@@ -27,8 +31,23 @@ pub(crate) trait Lanes: Copy {
     fn abs(self, a: Self::V) -> Self::V;
     fn floor(self, a: Self::V) -> Self::V;
     fn ceil(self, a: Self::V) -> Self::V;
+    /// Where a < b.
+    fn below(self, a: Self::V, b: Self::V) -> Self::M;
+    fn and(self, a: Self::M, b: Self::M) -> Self::M;
+    fn or(self, a: Self::M, b: Self::M) -> Self::M;
+    /// The lanes with the answer yes, as bits.
+    fn bits(self, mask: Self::M) -> u32;
+    /// `new` in the lanes with the answer yes.
+    fn choose(self, mask: Self::M, new: Self::V, old: Self::V) -> Self::V;
+    /// A whole number in the lanes with the answer yes, `old` in the others.
+    fn overwrite(self, mask: Self::M, new: u32, old: &[u32; LANES]) -> [u32; LANES];
     /// Bits of the lanes where a < b.
-    fn less(self, a: Self::V, b: Self::V) -> u32;
+    #[inline(always)]
+    fn less(self, a: Self::V, b: Self::V) -> u32 {
+        self.bits(self.below(a, b))
+    }
+    /// Bits of the lanes in which two whole numbers differ.
+    fn differ(self, a: &[u32; LANES], b: &[u32; LANES]) -> u32;
     /// `new` in the lanes whose bit is set.
     fn pick(self, bits: u32, new: Self::V, old: Self::V) -> Self::V;
 }
@@ -91,6 +110,7 @@ fn each(a: [f32; LANES], b: [f32; LANES], f: impl Fn(f32, f32) -> f32) -> [f32; 
 
 impl Lanes for Plain {
     type V = [f32; LANES];
+    type M = [bool; LANES];
 
     #[inline(always)]
     fn load(self, values: &[f32; LANES]) -> Self::V {
@@ -158,8 +178,63 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
-    fn less(self, a: Self::V, b: Self::V) -> u32 {
-        let bit = |lane: usize| u32::from(a[lane] < b[lane]) << lane;
+    fn below(self, a: Self::V, b: Self::V) -> Self::M {
+        let mut mask = [false; LANES];
+        for lane in 0..LANES {
+            mask[lane] = a[lane] < b[lane];
+        }
+        mask
+    }
+
+    #[inline(always)]
+    fn and(self, a: Self::M, b: Self::M) -> Self::M {
+        let mut mask = a;
+        for lane in 0..LANES {
+            mask[lane] &= b[lane];
+        }
+        mask
+    }
+
+    #[inline(always)]
+    fn or(self, a: Self::M, b: Self::M) -> Self::M {
+        let mut mask = a;
+        for lane in 0..LANES {
+            mask[lane] |= b[lane];
+        }
+        mask
+    }
+
+    #[inline(always)]
+    fn bits(self, mask: Self::M) -> u32 {
+        let bit = |lane: usize| u32::from(mask[lane]) << lane;
+        (0..LANES).fold(0, |bits, lane| bits | bit(lane))
+    }
+
+    #[inline(always)]
+    fn choose(self, mask: Self::M, new: Self::V, old: Self::V) -> Self::V {
+        let mut result = old;
+        for lane in 0..LANES {
+            if mask[lane] {
+                result[lane] = new[lane];
+            }
+        }
+        result
+    }
+
+    #[inline(always)]
+    fn overwrite(self, mask: Self::M, new: u32, old: &[u32; LANES]) -> [u32; LANES] {
+        let mut result = *old;
+        for lane in 0..LANES {
+            if mask[lane] {
+                result[lane] = new;
+            }
+        }
+        result
+    }
+
+    #[inline(always)]
+    fn differ(self, a: &[u32; LANES], b: &[u32; LANES]) -> u32 {
+        let bit = |lane: usize| u32::from(a[lane] != b[lane]) << lane;
         (0..LANES).fold(0, |bits, lane| bits | bit(lane))
     }
 
@@ -183,8 +258,21 @@ mod x86 {
 
     const BITS: u32x8 = u32x8(1, 2, 4, 8, 16, 32, 64, 128);
 
+    /// `new` where the mask says so, by a way that the compiler does not see through. What it knows
+    /// to be chosen by a mask and stored where the rest came from becomes a masked store, which AMD's
+    /// processors take tens of cycles for.
+    #[inline(always)]
+    fn merge(wide: V3, mask: m32x8, new: u32x8, old: u32x8) -> u32x8 {
+        let ones = cast(wide.splat_u32x8(1));
+        let mask = wide.avx2._mm256_sign_epi32(ones, cast(mask));
+        let new = wide.avx2._mm256_and_si256(mask, cast(new));
+        let old = wide.avx2._mm256_andnot_si256(mask, cast(old));
+        cast(wide.avx2._mm256_or_si256(new, old))
+    }
+
     impl Lanes for V3 {
         type V = f32x8;
+        type M = m32x8;
 
         #[inline(always)]
         fn load(self, values: &[f32; LANES]) -> f32x8 {
@@ -252,9 +340,39 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn less(self, a: f32x8, b: f32x8) -> u32 {
-            let mask: m32x8 = self.cmp_lt_f32x8(a, b);
+        fn below(self, a: f32x8, b: f32x8) -> m32x8 {
+            self.cmp_lt_f32x8(a, b)
+        }
+
+        #[inline(always)]
+        fn and(self, a: m32x8, b: m32x8) -> m32x8 {
+            cast(self.avx._mm256_and_ps(cast(a), cast(b)))
+        }
+
+        #[inline(always)]
+        fn or(self, a: m32x8, b: m32x8) -> m32x8 {
+            cast(self.avx._mm256_or_ps(cast(a), cast(b)))
+        }
+
+        #[inline(always)]
+        fn bits(self, mask: m32x8) -> u32 {
             self.avx._mm256_movemask_ps(cast(mask)).cast_unsigned()
+        }
+
+        #[inline(always)]
+        fn choose(self, mask: m32x8, new: f32x8, old: f32x8) -> f32x8 {
+            cast(merge(self, mask, cast(new), cast(old)))
+        }
+
+        #[inline(always)]
+        fn overwrite(self, mask: m32x8, new: u32, old: &[u32; LANES]) -> [u32; LANES] {
+            cast(merge(self, mask, self.splat_u32x8(new), cast(*old)))
+        }
+
+        #[inline(always)]
+        fn differ(self, a: &[u32; LANES], b: &[u32; LANES]) -> u32 {
+            let same: m32x8 = self.cmp_eq_u32x8(cast(*a), cast(*b));
+            !self.bits(same) & super::ALL
         }
 
         #[inline(always)]
@@ -281,7 +399,7 @@ mod tests {
         #[inline(always)]
         fn run<L: Lanes>(self, l: L) -> Self::Output {
             let (a, b) = (l.load(&self.0), l.load(&self.1));
-            let results = [
+            let mut results = vec![
                 l.add(a, b),
                 l.sub(a, b),
                 l.mul(a, b),
@@ -294,8 +412,19 @@ mod tests {
                 l.ceil(a),
                 l.pick(0b1010_0110, a, b),
             ];
-            let stored = results.map(|values| l.store(values)).to_vec();
-            (stored, vec![l.less(a, b), l.less(b, a), l.less(a, a)])
+            let (low, high) = (l.below(a, b), l.below(b, a));
+            let masks = [l.and(low, high), l.or(low, high), l.or(low, low)];
+            results.push(l.choose(masks[1], a, b));
+            let written = l.overwrite(masks[0], 7, &[9; LANES]);
+            results.push(l.load(&written.map(f32::from_bits)));
+            let written = l.overwrite(masks[1], 7, &[9; LANES]);
+            results.push(l.load(&written.map(f32::from_bits)));
+            let masks = masks.map(|mask| l.bits(mask)).to_vec();
+            let [p, q] = [self.0, self.1].map(|values| values.map(f32::to_bits));
+            let differ = [l.differ(&p, &q), l.differ(&p, &p)];
+            let stored = results.into_iter().map(|values| l.store(values));
+            let less = [l.less(a, b), l.less(b, a), l.less(a, a)];
+            (stored.collect(), [&less[..], &differ, &masks].concat())
         }
     }
 
@@ -315,6 +444,11 @@ mod tests {
         };
         assert_eq!(bits(&plain.0), bits(&best.0));
         assert_eq!(plain.1, best.1);
-        assert_eq!(plain.1, [0b0000_0110, 0b1001_0001, 0]);
+        let less = [0b0000_0110, 0b1001_0001, 0];
+        assert_eq!(plain.1[..3], less);
+        assert_eq!(
+            plain.1[3..],
+            [0b1111_0111, 0, 0, less[0] | less[1], less[0]]
+        );
     }
 }

@@ -1,29 +1,41 @@
 //! Exact maps of what is visible at pixel centres, without colours.
 //!
-//! The visible triangle is intersected once more in f64, a row of a tile at a time, by the very
-//! operations of [`super::triangle`]: whatever the fast test saw, depth and weights are its.
+//! As soon as a tile's visibility is known, its triangles are set up in f64 ([`super::planes`]), each
+//! once, and a pixel costs a few products and one division. A depth that lies so close to the border
+//! between two f32 that this could round to the other one is worked out by the exact test.
+
+#![allow(
+    clippy::needless_range_loop,
+    reason = "columns are walked side by side, and closures would leave the instruction set"
+)]
 
 use super::Seen;
 use super::clusters::Clusters;
+use super::doubles::FOUR;
 use super::eye::Eye;
+use super::lanes::{ALL, LANES, Lanes, Task, dispatch};
 use super::lens::Place;
+use super::planes::{Fresh, Plane, Window};
 use super::scan::scan;
 use super::surface::Frame;
 use super::tile::{NONE, SIZE, Tile};
-use super::triangle::THIN;
 use crate::parallel;
-use glam::{DMat3, DVec3};
-use pulp::Arch;
+use glam::DVec3;
+
+/// Rows of a tile that are worked out together.
+const ROWS: usize = 8;
 
 /// Writes what each pixel of a view sees, row by row.
-pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, pixels: &mut Vec<Seen>) {
+pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
     let camera = frame.camera();
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     let eye = Eye::new(*frame, 1);
-    pixels.resize(width * height, Seen::NOTHING);
-    parallel::for_each_chunk(pixels, width * SIZE, |band, pixels| {
+    seen.resize(width * height);
+    let mut bands = Maps::of(seen).cut(width * SIZE);
+    parallel::for_each_chunk(&mut bands, 1, |band, maps| {
         let row = band * SIZE;
         let rows = SIZE.min(height - row);
+        let mut resolver = Resolver::new();
         for column in (0..width).step_by(SIZE) {
             let place = Place {
                 eye: &eye,
@@ -32,274 +44,382 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, pixels: &mut Vec<Seen>
             };
             let columns = SIZE.min(width - column);
             let tile = scan(clusters, &place, (columns, rows));
-            resolve(
-                (&place, &tile),
-                (columns, rows),
-                (&mut pixels[column..], width),
-            );
+            for maps in &mut *maps {
+                resolver.resolve((&place, &tile), (columns, rows), (maps, width));
+            }
         }
     });
 }
 
-/// Writes the pixels of a tile; `pixels` starts with its first.
-fn resolve(
-    (place, tile): (&Place<'_>, &Tile),
-    (columns, rows): (usize, usize),
-    (pixels, stride): (&mut [Seen], usize),
-) {
-    let mut row = Row::new(place);
-    for index in 0..rows {
-        let ids = tile.row(index, columns);
-        let pixels = &mut pixels[index * stride..][..columns];
-        if ids.iter().all(|&id| id == NONE) {
-            pixels.fill(Seen::NOTHING);
-            continue;
-        }
-        row.y = place.eye.direction(place.column, place.row + index).y;
-        row.meet(&place.eye.frame, ids);
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                row.fetch(ids);
-                row.cross();
-                row.store(&place.eye.frame, ids, pixels);
-            },
-        );
-    }
+/// Some rows of all maps.
+struct Maps<'s> {
+    triangles: &'s mut [u32],
+    depth: &'s mut [f32],
+    normals: &'s mut [[f32; 3]],
+    weights: &'s mut [[f32; 2]],
 }
 
-/// A triangle in the camera frame: its corners, its unit normal.
-type Flat = [f64; 12];
-
-/// Slots of the memory of triangles that have been met.
-const SLOTS: usize = 256;
-
-/// One row of a tile: the corners of each sample's triangle in the camera frame, and where they are
-/// crossed.
-struct Row {
-    /// Directions of the samples, at depth 1.
-    x: [f64; SIZE],
-    y: f64,
-    corners: [[f64; SIZE]; 9],
-    /// z-depth and the weights of the second and third corner.
-    depth: [f64; SIZE],
-    weights: [[f64; SIZE]; 2],
-    /// Negative where the triangle is thin as seen here.
-    clear: [f64; SIZE],
-    /// The triangles met, and of each sample which one that is.
-    flats: Vec<Flat>,
-    places: [u32; SIZE],
-    /// Triangles met of late, by their number, with their place in `flats`.
-    met: [(u32, u32); SLOTS],
-    fresh: Fresh,
-}
-
-impl Row {
-    fn new(place: &Place<'_>) -> Self {
-        let direction = |column: usize| place.eye.direction(place.column + column, place.row);
+impl<'s> Maps<'s> {
+    fn of(seen: &'s mut Seen) -> Self {
         Self {
-            x: std::array::from_fn(|column| direction(column).x),
-            y: 0.0,
-            corners: [[0.0; SIZE]; 9],
-            depth: [0.0; SIZE],
-            weights: [[0.0; SIZE]; 2],
-            clear: [0.0; SIZE],
-            flats: Vec::with_capacity(SIZE),
-            places: [0; SIZE],
-            met: [(NONE, 0); SLOTS],
-            fresh: Fresh::new(),
+            triangles: &mut seen.triangles,
+            depth: &mut seen.depth,
+            normals: &mut seen.normals,
+            weights: &mut seen.weights,
         }
     }
 
-    /// Works out the triangles that have not been met of late.
-    fn meet(&mut self, frame: &Frame<'_>, ids: &[u32]) {
-        let fresh = &mut self.fresh;
-        fresh.count = 0;
-        let mut before = (NONE, 0);
-        for (column, &id) in ids.iter().enumerate() {
-            if id == NONE {
-                self.places[column] = 0;
-                continue;
-            }
-            if id != before.0 {
-                before = self.met[id as usize % SLOTS];
-                if before.0 != id {
-                    #[allow(clippy::cast_possible_truncation, reason = "at most 4096")]
-                    let place = (self.flats.len() + fresh.count) as u32;
-                    before = (id, place);
-                    self.met[id as usize % SLOTS] = before;
-                    fresh.add(id);
-                }
-            }
-            self.places[column] = before.1;
-        }
-        fresh.load(frame);
-        let (rotation, center) = (frame.rotation(), frame.center_in_cam());
-        Arch::new().dispatch(
-            #[inline(always)]
-            || fresh.turn(&rotation, center),
-        );
-        for index in 0..fresh.count {
-            self.flats.push(fresh.flat(index));
-        }
+    /// Bands of `size` pixels.
+    fn cut(self, size: usize) -> Vec<Self> {
+        let triangles = self.triangles.chunks_mut(size);
+        let depth = self.depth.chunks_mut(size);
+        let normals = self.normals.chunks_mut(size);
+        let weights = self.weights.chunks_mut(size);
+        let all = triangles.zip(depth).zip(normals.zip(weights));
+        all.map(|((triangles, depth), (normals, weights))| Self {
+            triangles,
+            depth,
+            normals,
+            weights,
+        })
+        .collect()
     }
 
-    /// Puts the corners of each sample's triangle side by side.
-    #[inline(always)]
-    fn fetch(&mut self, ids: &[u32]) {
-        for (column, &place) in self.places[..ids.len()].iter().enumerate() {
-            let flat = &self.flats[place as usize];
-            for (corners, &value) in self.corners.iter_mut().zip(flat) {
-                corners[column % SIZE] = value;
-            }
-        }
-    }
-
-    /// [`super::triangle::Ray::cross`] for rays with z = 1, sample by sample.
-    #[inline(always)]
-    fn cross(&mut self) {
-        let y = self.y;
-        let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
-        for i in 0..SIZE {
-            let x = self.x[i];
-            let (a0, a1) = (ax[i] - x * az[i], ay[i] - y * az[i]);
-            let (b0, b1) = (bx[i] - x * bz[i], by[i] - y * bz[i]);
-            let (c0, c1) = (cx[i] - x * cz[i], cy[i] - y * cz[i]);
-            let u = c0 * b1 - c1 * b0;
-            let v = a0 * c1 - a1 * c0;
-            let w = b0 * a1 - b1 * a0;
-            let total = u + v + w;
-            let (second, third) = (v / total, w / total);
-            let depth = (1.0 - second - third) * az[i] + second * bz[i] + third * cz[i];
-            let ab = (a0 - b0) * (a0 - b0) + (a1 - b1) * (a1 - b1);
-            let bc = (b0 - c0) * (b0 - c0) + (b1 - c1) * (b1 - c1);
-            let ca = (c0 - a0) * (c0 - a0) + (c1 - a1) * (c1 - a1);
-            let longest = if ab > bc { ab } else { bc };
-            let longest = if longest > ca { longest } else { ca };
-            self.depth[i] = depth;
-            self.weights[0][i] = second;
-            self.weights[1][i] = third;
-            let thin = THIN * longest;
-            self.clear[i] = if total.abs() < thin { -1.0 } else { 1.0 };
-        }
-    }
-
-    #[inline(always)]
-    fn store(&self, frame: &Frame<'_>, ids: &[u32], pixels: &mut [Seen]) {
-        for (column, (&id, pixel)) in ids.iter().zip(pixels).enumerate() {
-            if id == NONE {
-                *pixel = Seen::NOTHING;
-                continue;
-            }
-            let direction = DVec3::new(self.x[column], self.y, 1.0);
-            let (mut depth, mut weights) = (
-                self.depth[column],
-                [self.weights[0][column], self.weights[1][column]],
-            );
-            if self.clear[column] < 0.0
-                && let Some(crossing) = frame.cross(id as usize, direction)
-            {
-                (depth, weights) = (crossing.distance, crossing.weights);
-            }
-            let flat = &self.flats[self.places[column] as usize];
-            let normal = DVec3::new(flat[9], flat[10], flat[11]);
-            let facing = if normal.dot(direction) > 0.0 {
-                -normal
-            } else {
-                normal
-            };
-            #[allow(clippy::cast_possible_truncation, reason = "maps are f32")]
-            {
-                *pixel = Seen {
-                    triangle: id,
-                    depth: depth as f32,
-                    normal: facing.as_vec3().to_array(),
-                    weights: [weights[0] as f32, weights[1] as f32],
-                };
-            }
+    fn part(&mut self, first: usize, count: usize) -> Maps<'_> {
+        Maps {
+            triangles: &mut self.triangles[first..][..count],
+            depth: &mut self.depth[first..][..count],
+            normals: &mut self.normals[first..][..count],
+            weights: &mut self.weights[first..][..count],
         }
     }
 }
 
-/// Triangles met for the first time, to be turned into the camera frame together.
-struct Fresh {
-    count: usize,
-    ids: [u32; SIZE],
-    corners: [[f64; SIZE]; 9],
-    normals: [[f64; SIZE]; 3],
+/// Slots of the memory of triangles that have been met; one more is for none.
+const SLOTS: usize = 512;
+
+/// What is worked out about a tile.
+struct Resolver {
+    planes: Vec<Plane>,
+    /// Triangles met of late, by their number, with their place in `planes`.
+    met: [(u32, u32); SLOTS + 1],
+    fresh: Fresh,
+    /// Places in `planes` of the runs of pixels that see one triangle.
+    runs: [u32; ROWS * SIZE],
+    /// In each row: the first pixels of runs as bits, and the number of its first run.
+    rows: [(u64, usize); ROWS],
+    /// x of the directions of the tile's columns, as it is and counted from the first.
+    x: [f64; SIZE],
+    from_first: [f64; SIZE],
 }
 
-impl Fresh {
+impl Resolver {
     fn new() -> Self {
         Self {
-            count: 0,
-            ids: [0; SIZE],
-            corners: [[0.0; SIZE]; 9],
-            normals: [[0.0; SIZE]; 3],
+            planes: Vec::with_capacity(SIZE * SIZE + 1),
+            met: [(NONE, 0); SLOTS + 1],
+            fresh: Fresh::new(),
+            runs: [0; ROWS * SIZE],
+            rows: [(0, 0); ROWS],
+            x: [0.0; SIZE],
+            from_first: [0.0; SIZE],
         }
     }
 
-    fn add(&mut self, id: u32) {
-        self.ids[self.count] = id;
-        self.count += 1;
-    }
-
-    /// Fetches the corners, counted from the mesh's centre; all indices first, so that many reads
-    /// are on their way from memory at once.
-    fn load(&mut self, frame: &Frame<'_>) {
-        let mut vertices = [[0; 3]; SIZE];
-        for (vertices, &id) in vertices.iter_mut().zip(&self.ids[..self.count]) {
-            *vertices = frame.vertices_of(id as usize);
+    /// Writes the pixels of a tile.
+    fn resolve(
+        &mut self,
+        (place, tile): (&Place<'_>, &Tile),
+        (columns, rows): (usize, usize),
+        (maps, stride): (&mut Maps<'_>, usize),
+    ) {
+        self.planes.clear();
+        self.planes.push(Plane::NONE);
+        self.met = [(NONE, 0); SLOTS + 1];
+        let first = place.eye.direction(place.column, place.row);
+        let last = place.eye.direction(place.column + SIZE, place.row + SIZE);
+        let window = Window {
+            first: [first.x, first.y],
+            width: (last.x - first.x).abs().max((last.y - first.y).abs()),
+            reach: first.abs().max(last.abs()).truncate().max_element(),
+        };
+        for column in 0..SIZE {
+            let direction = place.eye.direction(place.column + column, place.row);
+            self.x[column] = direction.x;
+            self.from_first[column] = direction.x - first.x;
         }
-        for (index, vertices) in vertices[..self.count].iter().enumerate() {
-            for (corner, &vertex) in vertices.iter().enumerate() {
-                let position = frame.offset_of(vertex);
-                self.corners[3 * corner][index] = position.x;
-                self.corners[3 * corner + 1][index] = position.y;
-                self.corners[3 * corner + 2][index] = position.z;
+        for top in (0..rows).step_by(ROWS) {
+            dispatch(Strip {
+                resolver: self,
+                place,
+                window: &window,
+                tile,
+                rows: (top, ROWS.min(rows - top)),
+            });
+            for row in top..rows.min(top + ROWS) {
+                let ids = tile.row(row, columns);
+                let y = place.eye.direction(place.column, place.row + row).y;
+                let maps = maps.part((place.row + row) % SIZE * stride + place.column, columns);
+                self.write((&place.eye.frame, &window), (row - top, y), (ids, maps));
             }
         }
     }
 
-    /// [`Frame::facet`], triangle by triangle.
-    #[inline(always)]
-    fn turn(&mut self, rotation: &DMat3, center: DVec3) {
-        let [rx, ry, rz] = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
-        let count = self.count;
-        for corner in 0..3 {
-            let [px, py, pz] = &mut self.corners[3 * corner..3 * corner + 3] else {
-                return;
-            };
-            for i in 0..count {
-                let (x, y, z) = (px[i], py[i], pz[i]);
-                px[i] = rx.x * x + ry.x * y + rz.x * z + center.x;
-                py[i] = rx.y * x + ry.y * y + rz.y * z + center.y;
-                pz[i] = rx.z * x + ry.z * y + rz.z * z + center.z;
+    /// Writes a row of pixels.
+    fn write(
+        &mut self,
+        (frame, window): (&Frame<'_>, &Window),
+        (row, y): (usize, f64),
+        (ids, mut maps): (&[u32], Maps<'_>),
+    ) {
+        maps.triangles.copy_from_slice(ids);
+        let (starts, first) = self.rows[row];
+        if starts == 1 && ids[0] == NONE {
+            maps.depth.fill(0.0);
+            maps.normals.fill([0.0; 3]);
+            maps.weights.fill([0.0; 2]);
+            return;
+        }
+        let Maps {
+            depth,
+            normals,
+            weights,
+            ..
+        } = &mut maps;
+        let whole = (
+            depth.first_chunk_mut(),
+            normals.first_chunk_mut(),
+            weights.first_chunk_mut(),
+        );
+        let cross = |depth: &mut _, normals: &mut _, weights: &mut _| {
+            dispatch(Cross {
+                x: &self.from_first,
+                y: y - window.first[1],
+                planes: &self.planes,
+                runs: &self.runs,
+                row: (starts, first),
+                out: (depth, normals, weights),
+            })
+        };
+        let doubtful = if let (Some(depth), Some(normals), Some(weights)) = whole {
+            cross(depth, normals, weights)
+        } else {
+            let (mut line, count) = (Line::NONE, ids.len());
+            let doubtful = cross(&mut line.depth, &mut line.normals, &mut line.weights);
+            depth.copy_from_slice(&line.depth[..count]);
+            normals.copy_from_slice(&line.normals[..count]);
+            weights.copy_from_slice(&line.weights[..count]);
+            doubtful
+        };
+        for column in 0..ids.len() {
+            if doubtful >> column & 1 == 1 {
+                let direction = DVec3::new(self.x[column], y, 1.0);
+                settle(frame, (ids[column], direction), (&mut maps, column));
             }
         }
-        let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
-        let [nx, ny, nz] = &mut self.normals;
-        for i in 0..count {
-            let (ux, uy, uz) = (bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]);
-            let (vx, vy, vz) = (cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]);
-            let (x, y, z) = (uy * vz - vy * uz, uz * vx - vz * ux, ux * vy - vx * uy);
-            let scale = 1.0 / (x * x + y * y + z * z).sqrt();
-            // As glam's `normalize_or_zero`.
-            let usable = scale < f64::INFINITY && scale > 0.0;
-            nx[i] = if usable { x * scale } else { 0.0 };
-            ny[i] = if usable { y * scale } else { 0.0 };
-            nz[i] = if usable { z * scale } else { 0.0 };
-        }
     }
+}
 
-    fn flat(&self, index: usize) -> Flat {
-        let mut flat = [0.0; 12];
-        for (value, column) in flat
-            .iter_mut()
-            .zip(self.corners.iter().chain(&self.normals))
+/// Writes what the exact test says.
+#[cold]
+fn settle(
+    frame: &Frame<'_>,
+    (id, direction): (u32, DVec3),
+    (maps, column): (&mut Maps<'_>, usize),
+) {
+    let facet = frame.facet(id as usize);
+    let normal = facet.facing_normal(direction);
+    maps.normals[column] = normal.as_vec3().to_array();
+    if let Some(crossing) = facet.cross(direction) {
+        #[allow(clippy::cast_possible_truncation, reason = "maps are f32")]
         {
-            *value = column[index];
+            maps.depth[column] = crossing.distance as f32;
+            maps.weights[column] = crossing.weights.map(|weight| weight as f32);
         }
-        flat
+    }
+}
+
+/// Finds the runs in some rows and sets up their triangles.
+struct Strip<'r, 't> {
+    resolver: &'r mut Resolver,
+    place: &'t Place<'t>,
+    window: &'t Window,
+    tile: &'t Tile,
+    /// The first row, and how many.
+    rows: (usize, usize),
+}
+
+impl Task for Strip<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self {
+            resolver,
+            place,
+            window,
+            tile,
+            rows: (top, count),
+        } = self;
+        let mut runs = 0;
+        for row in 0..count {
+            let ids = tile.row(top + row, SIZE);
+            let y = place.eye.direction(place.column, place.row + top + row).y;
+            let starts = starts(l, ids);
+            resolver.rows[row % ROWS] = (starts, runs);
+            let mut left = starts;
+            while left != 0 {
+                let column = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let id = ids[column % SIZE];
+                let slot = if id == NONE {
+                    SLOTS
+                } else {
+                    id as usize % SLOTS
+                };
+                let mut known = resolver.met[slot];
+                if known.0 != id {
+                    if resolver.fresh.count == SIZE {
+                        resolver.set_up(&place.eye.frame, window);
+                    }
+                    #[allow(clippy::cast_possible_truncation, reason = "at most 4097")]
+                    let next = (resolver.planes.len() + resolver.fresh.count) as u32;
+                    known = (id, next);
+                    resolver.met[slot] = known;
+                    resolver.fresh.add(id, [resolver.x[column % SIZE], y]);
+                }
+                resolver.runs[runs % (ROWS * SIZE)] = known.1;
+                runs += 1;
+            }
+        }
+        resolver.set_up(&place.eye.frame, window);
+    }
+}
+
+/// The pixels of a row that see another triangle than the one before, as bits.
+#[inline(always)]
+fn starts<L: Lanes>(l: L, ids: &[u32]) -> u64 {
+    let mut shifted = [0; SIZE];
+    let mut here = [0; SIZE];
+    here.copy_from_slice(ids);
+    shifted[1..].copy_from_slice(&ids[..SIZE - 1]);
+    shifted[0] = !ids[0];
+    let mut bits = 0;
+    let pairs = here
+        .as_chunks::<LANES>()
+        .0
+        .iter()
+        .zip(shifted.as_chunks().0);
+    for (index, (here, before)) in pairs.enumerate() {
+        bits |= u64::from(l.differ(here, before)) << (LANES * index);
+    }
+    bits
+}
+
+/// Sets up triangles met for the first time.
+struct SetUp<'r> {
+    fresh: &'r mut Fresh,
+    planes: &'r mut Vec<Plane>,
+    frame: &'r Frame<'r>,
+    window: &'r Window,
+}
+
+impl Task for SetUp<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let (fresh, frame) = (self.fresh, self.frame);
+        fresh.load(frame);
+        fresh.turn(&frame.rotation(), frame.center_in_cam());
+        fresh.set_up(self.window);
+        for index in 0..fresh.count {
+            self.planes.push(fresh.plane(index));
+        }
+        fresh.count = 0;
+    }
+}
+
+impl Resolver {
+    fn set_up(&mut self, frame: &Frame<'_>, window: &Window) {
+        dispatch(SetUp {
+            fresh: &mut self.fresh,
+            planes: &mut self.planes,
+            frame,
+            window,
+        });
+    }
+}
+
+/// A row of a tile.
+struct Line {
+    depth: [f32; SIZE],
+    normals: [[f32; 3]; SIZE],
+    weights: [[f32; 2]; SIZE],
+}
+
+impl Line {
+    const NONE: Self = Self {
+        depth: [0.0; SIZE],
+        normals: [[0.0; 3]; SIZE],
+        weights: [[0.0; 2]; SIZE],
+    };
+}
+
+/// Works out and writes a row of pixels. Returns, as bits, those that the exact test has to decide.
+struct Cross<'r, 'm> {
+    /// x and y of the directions, counted from the tile's first pixel.
+    x: &'r [f64; SIZE],
+    y: f64,
+    planes: &'r [Plane],
+    runs: &'r [u32; ROWS * SIZE],
+    /// The first pixels of runs as bits, and the number of the first run.
+    row: (u64, usize),
+    out: (
+        &'m mut [f32; SIZE],
+        &'m mut [[f32; 3]; SIZE],
+        &'m mut [[f32; 2]; SIZE],
+    ),
+}
+
+impl Task for Cross<'_, '_> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> u64 {
+        let (depths, normals, weights) = self.out;
+        let (starts, first) = self.row;
+        let y = l.splat_f64(self.y);
+        let one = l.splat_f64(1.0);
+        let mut run = first.wrapping_sub(1);
+        let mut doubtful = 0;
+        for left in (0..SIZE).step_by(LANES) {
+            let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
+            for half in [0, FOUR] {
+                let mut values = [y; FOUR];
+                for k in 0..FOUR {
+                    let column = (left + half + k) % SIZE;
+                    run = run.wrapping_add((starts >> column & 1) as usize);
+                    let plane = &self.planes[self.runs[run % (ROWS * SIZE)] as usize];
+                    let x = l.splat_f64(self.x[column]);
+                    let along = l.mul_f64(l.load_f64(&plane.along[0]), x);
+                    let down = l.mul_f64(l.load_f64(&plane.along[1]), y);
+                    values[k] = l.add_f64(l.add_f64(l.load_f64(&plane.at), along), down);
+                    normals[column] = plane.normal;
+                }
+                let [v, w, t, doubt] = l.transpose(values);
+                let depth = l.div_f64(one, t);
+                let slack = l.mul_f64(depth, doubt);
+                low[half..half + FOUR].copy_from_slice(&l.round(l.sub_f64(depth, slack)));
+                high[half..half + FOUR].copy_from_slice(&l.round(l.add_f64(depth, slack)));
+                let pairs = l.round_pairs(l.mul_f64(v, depth), l.mul_f64(w, depth));
+                weights[left + half..][..FOUR].copy_from_slice(&pairs);
+            }
+            depths[left..left + LANES].copy_from_slice(&low);
+            let positive = l.less(l.splat(-f32::MIN_POSITIVE), l.load(&low));
+            let unequal = l.differ(&low.map(f32::to_bits), &high.map(f32::to_bits));
+            doubtful |= u64::from(unequal | ALL & !positive) << left;
+        }
+        doubtful
     }
 }

@@ -10,6 +10,7 @@
 mod bvh;
 mod cluster;
 mod clusters;
+mod doubles;
 mod eye;
 mod lanes;
 mod lens;
@@ -19,6 +20,7 @@ mod maps;
 mod near;
 pub mod oracle;
 mod picture;
+mod planes;
 mod raster;
 mod rays;
 mod scan;
@@ -123,29 +125,29 @@ pub struct Hit {
     pub weights: [f64; 2],
 }
 
-/// What the centre of a pixel sees.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// What the centres of a view's pixels see, row by row.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seen {
-    /// Index of the triangle, [`Seen::NO_TRIANGLE`] where there is none.
-    pub triangle: u32,
+    /// Indices of the triangles, [`Seen::NO_TRIANGLE`] where there is none.
+    pub triangles: Vec<u32>,
     /// z-depth, 0 for nothing.
-    pub depth: f32,
-    /// Geometric unit normal, camera frame, facing the camera; 0 for nothing.
-    pub normal: [f32; 3],
-    /// Barycentric weights of the triangle's second and third corner.
-    pub weights: [f32; 2],
+    pub depth: Vec<f32>,
+    /// Geometric unit normals, camera frame, facing the camera; 0 for nothing.
+    pub normals: Vec<[f32; 3]>,
+    /// Barycentric weights of the triangles' second and third corner; 0 for nothing.
+    pub weights: Vec<[f32; 2]>,
 }
 
 impl Seen {
     /// Stands for no triangle.
     pub const NO_TRIANGLE: u32 = u32::MAX;
-    /// No surface.
-    pub const NOTHING: Self = Self {
-        triangle: Self::NO_TRIANGLE,
-        depth: 0.0,
-        normal: [0.0; 3],
-        weights: [0.0; 2],
-    };
+
+    fn resize(&mut self, count: usize) {
+        self.triangles.resize(count, Self::NO_TRIANGLE);
+        self.depth.resize(count, 0.0);
+        self.normals.resize(count, [0.0; 3]);
+        self.weights.resize(count, [0.0; 2]);
+    }
 }
 
 /// The triangle that a ray sees, and where on it.
@@ -268,16 +270,16 @@ impl<'m> Renderer<'m> {
         chunks.into_iter().flatten().collect()
     }
 
-    /// What the centre of each pixel of `view` sees, row by row, into `pixels`: exact depth, normal
-    /// and place on the triangle, to the bits that [`Self::render`] gives, without its colours. The
-    /// camera must have no lens distortion. Both sides of triangles are seen, cut-out parts too.
-    pub fn see(&self, view: &View, pixels: &mut Vec<Seen>) -> Result<()> {
+    /// What the centre of each pixel of `view` sees, into `seen`: depth and normal to the bits that
+    /// [`Self::render`] gives, without its colours, and the place on the triangle, worked out in f64.
+    /// The camera must have no lens distortion. Both sides of triangles are seen, cut-out parts too.
+    pub fn see(&self, view: &View, seen: &mut Seen) -> Result<()> {
         if view.camera.distortion() != Distortion::None {
             let problem = "expected a camera without lens distortion for maps of visibility";
             return Err(Error::invalid(format!("view {}", view.id), problem));
         }
         let frame = Frame::new(self.mesh, self.center, view);
-        maps::see(&self.clusters, &frame, pixels);
+        maps::see(&self.clusters, &frame, seen);
         Ok(())
     }
 

@@ -130,6 +130,8 @@ struct Group<L: Lanes> {
     doubt: L::V,
     /// Nearness at each corner, over the sum of the functions.
     nearness: [L::V; 3],
+    /// That of the nearest corner.
+    nearest: L::V,
     /// Lanes with a triangle that may be seen, and those for which f32 is good enough.
     alive: u32,
     fine: u32,
@@ -235,6 +237,7 @@ impl<L: Lanes> Group<L> {
                 l.mul(nearness[1], scale),
                 l.mul(nearness[2], scale),
             ],
+            nearest: high,
             alive,
             fine,
         }
@@ -254,12 +257,10 @@ impl<L: Lanes> Group<L> {
         }
         let bad = self.alive & !self.fine;
         if bad != 0 {
-            let (left, right) = (l.store(self.columns[0]), l.store(self.columns[1]));
-            let (top, bottom) = (l.store(self.rows[0]), l.store(self.rows[1]));
+            let stored = self.stored(l);
             for lane in SetBits(bad) {
-                let from = spot(left[lane], top[lane]);
-                let to = spot(right[lane], bottom[lane]);
-                brush.draw_exactly(cluster::number(numbers, lane), (from, to));
+                let triangle = cluster::number(numbers, lane);
+                stored.draw_exactly(l, brush, (lane, triangle, stored.nearest[lane]));
             }
         }
     }
@@ -314,7 +315,15 @@ impl<L: Lanes> Group<L> {
     /// Draws the triangles of some lanes: triangle by triangle, eight samples at a time.
     #[inline(always)]
     fn draw_large(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group, bits: u32) {
-        let stored = Stored {
+        let stored = self.stored(l);
+        for lane in SetBits(bits) {
+            stored.draw(l, brush, (lane, cluster::number(numbers, lane)));
+        }
+    }
+
+    #[inline(always)]
+    fn stored(&self, l: L) -> Stored {
+        Stored {
             columns: [l.store(self.columns[0]), l.store(self.columns[1])],
             rows: [l.store(self.rows[0]), l.store(self.rows[1])],
             at: [
@@ -338,9 +347,7 @@ impl<L: Lanes> Group<L> {
                 l.store(self.nearness[2]),
             ],
             doubt: l.store(self.doubt),
-        };
-        for lane in SetBits(bits) {
-            stored.draw(l, brush, (lane, cluster::number(numbers, lane)));
+            nearest: l.store(self.nearest),
         }
     }
 }
@@ -354,6 +361,7 @@ struct Stored {
     along_y: [[f32; LANES]; 3],
     nearness: [[f32; LANES]; 3],
     doubt: [f32; LANES],
+    nearest: [f32; LANES],
 }
 
 const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
@@ -381,29 +389,65 @@ impl Stored {
                 start[edge] = l.mul_add(l.splat(along), steps, corner);
                 down[edge] = l.splat(self.along_y[edge][lane]);
             }
+            let (one, mut y) = (l.splat(1.0), l.splat(0.0));
             for row in from.row..=to.row {
-                let y = l.splat((row - from.row) as f32);
                 let mut at = start;
                 for edge in 0..3 {
                     at[edge] = l.mul_add(down[edge], y, start[edge]);
                 }
+                y = l.add(y, one);
                 let least = l.min(l.min(at[0], at[1]), at[2]);
-                let inside = l.less(doubt, least);
-                let maybe = !inside & ALL & !l.less(least, below);
-                if inside | maybe == 0 {
+                let beside = l.below(least, below);
+                if l.bits(beside) == ALL {
                     continue;
                 }
+                let inside = l.below(doubt, least);
                 let near = weighted(l, at, nearness);
                 let index = row * STRIDE + first;
                 let unsettled =
                     brush
                         .tile
-                        .try_offer_lanes(l, index, (triangle, near), (inside, maybe));
+                        .try_offer_lanes(l, index, (triangle, near), (inside, beside));
                 if unsettled != 0 {
-                    let near = l.store(near);
+                    let (near, inside) = (l.store(near), l.bits(inside));
                     for lane in SetBits(unsettled) {
                         let known = (inside >> lane & 1 == 1).then_some(near[lane]);
                         brush.settle(index + lane, triangle, known);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Draws a triangle that f32 cannot judge: where it is not clearly outside, and what is there is
+    /// not clearly nearer than its nearest corner, the exact test decides.
+    #[inline(always)]
+    fn draw_exactly<L: Lanes>(
+        &self,
+        l: L,
+        brush: &mut Brush<'_>,
+        (lane, triangle, nearest): (usize, u32, f32),
+    ) {
+        let from = spot(self.columns[0][lane], self.rows[0][lane]);
+        let to = spot(self.columns[1][lane], self.rows[1][lane]);
+        let (above, below) = (l.splat(self.doubt[lane]), l.splat(-self.doubt[lane]));
+        let steps = l.load(&STEPS);
+        for row in from.row..=to.row {
+            for first in (from.column..=to.column).step_by(LANES) {
+                let (right, down) = ((first - from.column) as f32, (row - from.row) as f32);
+                let mut at = [steps; 3];
+                for edge in 0..3 {
+                    let (x, y) = (self.along_x[edge][lane], self.along_y[edge][lane]);
+                    let corner = self.at[edge][lane] + x * right + y * down;
+                    at[edge] = l.mul_add(l.splat(x), steps, l.splat(corner));
+                }
+                let (least, greatest) = spread(l, at);
+                let outside = l.less(least, below) & l.less(above, greatest);
+                let last = (to.column - first).min(LANES - 1);
+                for lane in SetBits(!outside & ALL >> (LANES - 1 - last)) {
+                    let index = row * STRIDE + first + lane;
+                    if !brush.tile.surely_hides(index, nearest) {
+                        brush.settle(index, triangle, None);
                     }
                 }
             }

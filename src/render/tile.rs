@@ -1,7 +1,7 @@
 //! A square of samples with what is nearest at each, and how far the farthest of each block is.
 
 use super::Visible;
-use super::lanes::{LANES, Lanes};
+use super::lanes::{ALL, LANES, Lanes};
 
 /// Samples along each side.
 pub(crate) const SIZE: usize = 64;
@@ -81,8 +81,9 @@ impl Tile {
 
     /// How many samples see something.
     pub(crate) fn count(&self) -> usize {
-        let seen = |triangle: &&u32| **triangle != NONE;
-        self.triangles.iter().filter(seen).count()
+        let seen = |row: &[u32]| -> u32 { row.iter().map(|&t| u32::from(t != NONE)).sum() };
+        let rows = self.triangles.chunks_exact(STRIDE);
+        rows.map(|row| seen(row) as usize).sum()
     }
 
     /// Makes visible at a sample what a ray has found there, whatever was there before.
@@ -151,14 +152,14 @@ impl Tile {
     }
 
     /// Offers a triangle to samples side by side from `index` on: in the lanes of `inside` it is
-    /// seen, in those of `maybe` this is not clear. Returns the lanes that nothing was decided for.
+    /// seen, in those of `beside` it is not. Returns the lanes that nothing was decided for.
     #[inline(always)]
     pub(crate) fn try_offer_lanes<L: Lanes>(
         &mut self,
         l: L,
         index: usize,
         (triangle, nearness): (u32, L::V),
-        (inside, maybe): (u32, u32),
+        (inside, beside): (L::M, L::M),
     ) -> u32 {
         let (Some(there), Some(triangles)) = (
             self.nearness[index..].first_chunk_mut::<LANES>(),
@@ -167,15 +168,11 @@ impl Tile {
             return 0;
         };
         let old = l.load(there);
-        let wins = inside & l.less(l.mul(old, l.splat(1.0 + DOUBT)), nearness);
-        let hidden = l.less(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
-        if wins != 0 {
-            *there = l.store(l.pick(wins, nearness, old));
-            let kept = l.load(&triangles.map(f32::from_bits));
-            let new = l.splat(f32::from_bits(triangle));
-            *triangles = l.store(l.pick(wins, new, kept)).map(f32::to_bits);
-        }
-        (inside | maybe) & !wins & !hidden
+        let wins = l.and(inside, l.below(l.mul(old, l.splat(1.0 + DOUBT)), nearness));
+        let hidden = l.below(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
+        *there = l.store(l.choose(wins, nearness, old));
+        *triangles = l.overwrite(wins, triangle, triangles);
+        !l.bits(l.or(l.or(beside, hidden), wins)) & ALL
     }
 
     /// Makes `triangle` visible at a sample if it is nearer than what is there. Within [`DOUBT`]

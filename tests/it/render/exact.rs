@@ -37,7 +37,7 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
         ("large soup", scaled(&soup(500, 3), 1e6), 1e6),
     ];
     let mut noise = Noise(7);
-    let (mut hits, mut seen) = (0, Vec::new());
+    let (mut hits, mut seen) = (0, Seen::default());
     for (name, mesh, scale) in &meshes {
         let renderer = Renderer::new(mesh).unwrap();
         let oracle = Oracle::new(mesh);
@@ -89,22 +89,23 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
 
 /// Holds maps of visibility to a rendering: depth and normals to the bit, and the point that the
 /// weights stand for to the ray. Returns how many pixels see something.
-fn agree(mesh: &Mesh, view: &View, seen: &[Seen], slow: &Rendering) -> usize {
+fn agree(mesh: &Mesh, view: &View, seen: &Seen, slow: &Rendering) -> usize {
     let mut hits = 0;
     for row in 0..view.camera.height() {
         for column in 0..view.camera.width() {
-            let found = seen[(row * view.camera.width() + column) as usize];
-            assert_eq!(found.depth.to_bits(), slow.depth.get(column, row).to_bits());
-            assert_eq!(found.normal, slow.normals.get(column, row));
-            if found.triangle == Seen::NO_TRIANGLE {
-                assert_eq!(found, Seen::NOTHING);
+            let index = (row * view.camera.width() + column) as usize;
+            let (triangle, depth) = (seen.triangles[index], seen.depth[index]);
+            assert_eq!(depth.to_bits(), slow.depth.get(column, row).to_bits());
+            assert_eq!(seen.normals[index], slow.normals.get(column, row));
+            if triangle == Seen::NO_TRIANGLE {
+                assert_eq!((depth, seen.weights[index]), (0.0, [0.0; 2]));
                 continue;
             }
             hits += 1;
-            let [a, b, c] = mesh.corners(found.triangle as usize);
-            let [v, w] = found.weights.map(f64::from);
+            let [a, b, c] = mesh.corners(triangle as usize);
+            let [v, w] = seen.weights[index].map(f64::from);
             let point = view.pose.to_cam(a + v * (b - a) + w * (c - a));
-            let expected = direction(view, column, row) * f64::from(found.depth);
+            let expected = direction(view, column, row) * f64::from(depth);
             let size = (b - a).length() + (c - a).length() + point.length();
             assert!(
                 (point - expected).length() < 3e-7 * size,

@@ -1,0 +1,221 @@
+//! Triangles turned into linear functions of the pixel, in f64, for [`super::maps`].
+//!
+//! Along the ray (x, y, 1) the edge functions of [`super::triangle::Ray::cross`], v and w of two corners
+//! and their total t with the third, are linear in x and y, and t · depth is the same everywhere on the
+//! triangle. So all three are kept divided by that product: depth = 1 / t, weights = v · depth, w · depth.
+//! They are set up where a pixel sees the triangle, as [`super::triangle`] would there.
+
+use super::surface::Frame;
+use super::tile::SIZE;
+use super::triangle::THIN;
+use glam::{DMat3, DVec3};
+
+/// Half the distance from 1 to the next f64.
+const UNIT: f64 = 0.5 * f64::EPSILON;
+
+/// A triangle as seen from a tile.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+pub(crate) struct Plane {
+    /// v, w and t at the tile's first pixel; last, by how much, relative, the depth that follows from
+    /// t may differ from the one that the exact test rounds to.
+    pub(crate) at: [f64; 4],
+    /// How they change with the direction's x and y.
+    pub(crate) along: [[f64; 4]; 2],
+    /// Unit normal, facing the camera.
+    pub(crate) normal: [f32; 3],
+}
+
+impl Plane {
+    /// Stands for no triangle: depth, weights and normal are 0.
+    pub(crate) const NONE: Self = Self {
+        at: [0.0, 0.0, f64::INFINITY, 0.0],
+        along: [[0.0; 4]; 2],
+        normal: [0.0; 3],
+    };
+}
+
+/// Directions of a tile's pixels, as far as the functions depend on them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Window {
+    /// x and y of the first pixel's direction.
+    pub(crate) first: [f64; 2],
+    /// How far x and y may be from there, and from 0.
+    pub(crate) width: f64,
+    pub(crate) reach: f64,
+}
+
+/// Triangles to be set up together, side by side.
+pub(crate) struct Fresh {
+    pub(crate) count: usize,
+    ids: [u32; SIZE],
+    /// Where a pixel sees each: x and y of its direction.
+    spots: [[f64; SIZE]; 2],
+    corners: [[f64; SIZE]; 9],
+    at: [[f64; SIZE]; 4],
+    along: [[[f64; SIZE]; 3]; 2],
+    normals: [[f64; SIZE]; 3],
+}
+
+impl Fresh {
+    pub(crate) fn new() -> Self {
+        Self {
+            count: 0,
+            ids: [0; SIZE],
+            spots: [[0.0; SIZE]; 2],
+            corners: [[0.0; SIZE]; 9],
+            at: [[0.0; SIZE]; 4],
+            along: [[[0.0; SIZE]; 3]; 2],
+            normals: [[0.0; SIZE]; 3],
+        }
+    }
+
+    /// Adds a triangle that is seen along (x, y, 1); there must be room.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, id: u32, [x, y]: [f64; 2]) {
+        let place = self.count % SIZE;
+        self.ids[place] = id;
+        self.spots[0][place] = x;
+        self.spots[1][place] = y;
+        self.count += 1;
+    }
+
+    /// Fetches the corners, counted from the mesh's centre; all indices first, so that many reads
+    /// are on their way from memory at once.
+    #[inline(always)]
+    pub(crate) fn load(&mut self, frame: &Frame<'_>) {
+        let count = self.count.min(SIZE);
+        let mut vertices = [[0; 3]; SIZE];
+        for i in 0..count {
+            vertices[i] = frame.vertices_of(self.ids[i] as usize);
+        }
+        for i in 0..count {
+            for corner in 0..3 {
+                let position = frame.offset_of(vertices[i][corner]);
+                self.corners[3 * corner][i] = position.x;
+                self.corners[3 * corner + 1][i] = position.y;
+                self.corners[3 * corner + 2][i] = position.z;
+            }
+        }
+    }
+
+    /// Corners and normals as [`Frame::facet`] has them.
+    #[inline(always)]
+    pub(crate) fn turn(&mut self, rotation: &DMat3, center: DVec3) {
+        let [rx, ry, rz] = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
+        let count = self.count.min(SIZE);
+        for corner in 0..3 {
+            let [px, py, pz] = &mut self.corners[3 * corner..3 * corner + 3] else {
+                return;
+            };
+            for i in 0..count {
+                let (x, y, z) = (px[i], py[i], pz[i]);
+                px[i] = rx.x * x + ry.x * y + rz.x * z + center.x;
+                py[i] = rx.y * x + ry.y * y + rz.y * z + center.y;
+                pz[i] = rx.z * x + ry.z * y + rz.z * z + center.z;
+            }
+        }
+    }
+
+    /// Works out the functions. What is thin as seen from the tile, seen along its plane or not in front
+    /// of the camera gets an infinite doubt, or none that is a number.
+    ///
+    /// The doubt: sheared corners are off by h, edge functions of a triangle of sheared size s by 4sh,
+    /// which moves the depth by that over t of the corners' difference in depth, in both ways to
+    /// compute it; the rest is a few roundings. An error of t where the plane was set up cancels.
+    #[inline(always)]
+    pub(crate) fn set_up(&mut self, window: &Window) {
+        let count = self.count.min(SIZE);
+        let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
+        let [vs, ws, ts, doubts] = &mut self.at;
+        let [[vx, wx, tx], [vy, wy, ty]] = &mut self.along;
+        let [nx, ny, nz] = &mut self.normals;
+        for i in 0..count {
+            let (x, y) = (self.spots[0][i], self.spots[1][i]);
+            let (ux, uy, uz) = (bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]);
+            let (ox, oy, oz) = (cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]);
+            let normal = [uy * oz - oy * uz, uz * ox - oz * ux, ux * oy - ox * uy];
+            let square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+            let length = square.sqrt();
+
+            let (a0, a1) = (ax[i] - x * az[i], ay[i] - y * az[i]);
+            let (b0, b1) = (bx[i] - x * bz[i], by[i] - y * bz[i]);
+            let (c0, c1) = (cx[i] - x * cz[i], cy[i] - y * cz[i]);
+            let u = c0 * b1 - c1 * b0;
+            let v = a0 * c1 - a1 * c0;
+            let w = b0 * a1 - b1 * a0;
+            let t = u + v + w;
+            let volume = az[i] * t + v * uz + w * oz;
+            let scale = 1.0 / volume;
+
+            let far = most(most(az[i].abs(), bz[i].abs()), cz[i].abs());
+            let deep = most(most(uz.abs(), oz.abs()), (oz - uz).abs());
+            let wide = most(most(ux.abs(), ox.abs()), (ox - ux).abs());
+            let high = most(most(uy.abs(), oy.abs()), (oy - uy).abs());
+            let size = most(wide, high) + window.reach * deep;
+            let sheared = UNIT * (window.reach * far + 2.0 * size);
+            let edge = most(size, deep);
+            let steep = normal[0].abs() + normal[1].abs();
+            let lifted = (t.abs() + steep * window.width) * scale.abs();
+            let doubt = (160.0 * size * sheared * deep
+                + 48.0 * UNIT * edge * edge * window.width * far)
+                * scale.abs()
+                + 32.0 * UNIT * (1.0 + deep * lifted);
+            // How small t · depth may be for the triangle to be neither thin nor edge-on.
+            let least = far
+                * most(
+                    4.0 * THIN * size * size,
+                    1e-12 * (1.0 + window.reach) * length,
+                );
+            let clear = volume.abs() > least && volume * t > 0.0;
+
+            // (x, y) counted from the tile's first pixel.
+            let (dx, dy) = (x - window.first[0], y - window.first[1]);
+            let slopes = [
+                [a1 * cz[i] - az[i] * c1, az[i] * c0 - a0 * cz[i]],
+                [b1 * az[i] - bz[i] * a1, bz[i] * a0 - b0 * az[i]],
+                [-normal[0], -normal[1]],
+            ];
+            vs[i] = (v - slopes[0][0] * dx - slopes[0][1] * dy) * scale;
+            ws[i] = (w - slopes[1][0] * dx - slopes[1][1] * dy) * scale;
+            ts[i] = (t - slopes[2][0] * dx - slopes[2][1] * dy) * scale;
+            doubts[i] = if clear { doubt } else { f64::INFINITY };
+            (vx[i], vy[i]) = (slopes[0][0] * scale, slopes[0][1] * scale);
+            (wx[i], wy[i]) = (slopes[1][0] * scale, slopes[1][1] * scale);
+            (tx[i], ty[i]) = (slopes[2][0] * scale, slopes[2][1] * scale);
+
+            // As glam's `normalize_or_zero`, then turned to the camera: t is minus the normal along
+            // the ray.
+            let unit = 1.0 / length;
+            let usable = unit < f64::INFINITY && unit > 0.0;
+            let unit = if usable { unit } else { 0.0 };
+            let side = if t < 0.0 { -1.0 } else { 1.0 };
+            nx[i] = normal[0] * unit * side;
+            ny[i] = normal[1] * unit * side;
+            nz[i] = normal[2] * unit * side;
+        }
+    }
+
+    /// What was worked out about one of them.
+    #[inline(always)]
+    pub(crate) fn plane(&self, index: usize) -> Plane {
+        let i = index % SIZE;
+        let along = |axis: usize| {
+            let [v, w, t] = &self.along[axis];
+            [v[i], w[i], t[i], 0.0]
+        };
+        let [nx, ny, nz] = &self.normals;
+        #[allow(clippy::cast_possible_truncation, reason = "maps are f32")]
+        Plane {
+            at: [self.at[0][i], self.at[1][i], self.at[2][i], self.at[3][i]],
+            along: [along(0), along(1)],
+            normal: [nx[i] as f32, ny[i] as f32, nz[i] as f32],
+        }
+    }
+}
+
+/// The greater, without the care for NaN that costs `f64::max` its speed.
+#[inline(always)]
+fn most(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
