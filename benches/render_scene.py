@@ -134,6 +134,7 @@ def spot_picture(binary, mesh, path):
     """The textured cow by three cameras, through a pinhole and through a wide lens."""
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
+        mesh = with_material(mesh, folder)
         panels = []
         for model in ("PINHOLE 480 360 520 520 240 180", "OPENCV_FISHEYE 480 360 210 210 240 180 0 0 0 0"):
             write_colmap(folder / "cameras", model, [20, 140, 250], 2.6 if "PIN" in model else 1.45)
@@ -142,6 +143,16 @@ def spot_picture(binary, mesh, path):
             images = [np.asarray(Image.open(p)) for p in sorted((out / "color").glob("*.png"))]
             panels.append(np.concatenate(images, axis=1))
         Image.fromarray(np.concatenate(panels)).resize((960, 480), Image.LANCZOS).save(path, quality=88)
+
+
+def with_material(mesh, folder):
+    """A copy of an OBJ that names no material, with the texture that lies beside it."""
+    texture = next(mesh.parent.glob("*_texture.png"))
+    shutil.copy(texture, folder / texture.name)
+    (folder / "textured.mtl").write_text(f"newmtl textured\nmap_Kd {texture.name}\n")
+    copy = folder / "textured.obj"
+    copy.write_text("mtllib textured.mtl\nusemtl textured\n" + mesh.read_text())
+    return copy
 
 
 def write_colmap(folder, model, angles, distance):
