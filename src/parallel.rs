@@ -42,6 +42,18 @@ pub fn for_each_chunk<T: Send>(
         .for_each(|(index, chunk)| f(index, chunk));
 }
 
+/// As [`for_each_chunk`], with room for `f` to work in, which is made anew for a few chunks at a time.
+pub fn for_each_chunk_with<T: Send, R>(
+    (values, size): (&mut [T], usize),
+    room: impl Fn() -> R + Sync + Send,
+    f: impl Fn(&mut R, usize, &mut [T]) + Sync + Send,
+) {
+    values
+        .par_chunks_mut(size.max(1))
+        .enumerate()
+        .for_each_init(room, |room, (index, chunk)| f(room, index, chunk));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,13 +1,16 @@
 //! The three ways to blend, on planes of values.
 
 use super::frame::{Axis, Edge};
+use super::levels;
 use super::light::Light;
-use super::neighbours::{Neighbours, Sample, Weights};
+use super::neighbours::{Extent, Neighbours, Weights, Work};
 use super::spectrum::LowPass;
 use super::{BlendMode, BlendOptions};
 use crate::error::{Error, Result};
 use crate::parallel;
 use mvs_datasets::scene::{ColorImage, Mask, Raster};
+use std::marker::PhantomData;
+use std::ops::Range;
 
 /// Where the low-passed mask is smaller than this, the difference is taken unfiltered: only a mask
 /// of a few pixels under a filter as wide as the image comes here.
@@ -107,7 +110,10 @@ impl Blender {
         photograph: &ColorImage,
         mask: &Mask,
     ) -> Result<ColorImage> {
-        self.blend_as(&Inputs::new(rendered, photograph, mask), to_level)
+        let inputs = Inputs::new(rendered, photograph, mask);
+        self.blend_as(&inputs, |values, out| {
+            levels::round(values, out.as_flattened_mut());
+        })
     }
 
     /// As [`Blender::blend`], before values are rounded and clipped to 0 … 255.
@@ -117,34 +123,35 @@ impl Blender {
         photograph: &ColorImage,
         mask: &Mask,
     ) -> Result<Raster<[f32; 3]>> {
-        self.blend_as(&Inputs::new(rendered, photograph, mask), |value| value)
+        let inputs = Inputs::new(rendered, photograph, mask);
+        self.blend_as(&inputs, |values, out| {
+            out.as_flattened_mut().copy_from_slice(values);
+        })
     }
 
-    /// The blend with each value turned into what the result holds.
+    /// The blend with each row of values turned into what the result holds.
     fn blend_as<T: Copy + Default + Send>(
         &self,
         inputs: &Inputs<'_>,
-        finish: impl Fn(f32) -> T + Sync + Send,
+        finish: impl Fn(&[f32], &mut [[T; 3]]) + Sync + Send,
     ) -> Result<Raster<[T; 3]>> {
         self.check("rendered image", inputs.rendered.size())?;
         self.check("photograph", inputs.photograph.size())?;
         self.check("mask", inputs.mask.size())?;
-        let table = self.light.table();
-        let fill = |row: usize, out: &mut [Sample]| self.source_row(inputs, &table, row, out);
-        let take = |row: usize, low: &[Sample], out: &mut [[T; 3]]| {
-            self.finish_row((inputs, &table), low, (row, out), &finish);
+        let work = Blending {
+            mode: self.mode,
+            light: self.light,
+            table: self.light.table(),
+            inputs,
+            extents: inputs.mask.rows().map(extent).collect(),
+            finish,
+            pixel: PhantomData,
         };
         let mut blended = Raster::filled(self.size.0, self.size.1, [T::default(); 3])?;
         match &self.filter {
-            Filter::Narrow(neighbours) => neighbours.filter(blended.values_mut(), fill, take),
+            Filter::Narrow(neighbours) => neighbours.filter(&work, blended.values_mut()),
             Filter::Wide(frame) => {
-                let weighted = self.mode == BlendMode::Normalized;
-                frame.filter(
-                    (blended.values_mut(), self.size.0 as usize),
-                    weighted,
-                    fill,
-                    take,
-                )?;
+                frame.filter(&work, (blended.values_mut(), self.size.0 as usize))?;
             }
         }
         Ok(blended)
@@ -161,129 +168,173 @@ impl Blender {
         );
         Err(Error::invalid(what, problem))
     }
+}
 
-    /// The pixels of a row of the image.
-    fn row_range(&self, row: usize) -> std::ops::Range<usize> {
-        let width = self.size.0 as usize;
-        row * width..(row + 1) * width
+/// How much of a row is inside the mask.
+fn extent(row: &[bool]) -> Extent {
+    match (row.contains(&true), row.contains(&false)) {
+        (false, _) => Extent::Nothing,
+        (true, true) => Extent::Some,
+        (true, false) => Extent::All,
     }
+}
 
-    /// What is low-passed in a row: photograph − rendering per channel, and the mask.
-    fn source_row(&self, inputs: &Inputs<'_>, table: &[f32; 256], row: usize, out: &mut [Sample]) {
-        let range = self.row_range(row);
-        let rendered = &inputs.rendered.values()[range.clone()];
-        let photograph = &inputs.photograph.values()[range.clone()];
-        let outside = if self.mode == BlendMode::Reference {
-            1.0
-        } else {
-            0.0
-        };
-        let pixels = rendered
-            .iter()
-            .zip(photograph)
-            .zip(&inputs.mask.values()[range]);
-        for (sample, ((rendered, photograph), &inside)) in out.iter_mut().zip(pixels) {
-            let weight = f32::from(u8::from(inside));
-            let kept = weight.max(outside);
-            // Channel by channel: arrays of three that are mapped pass through memory.
-            let value = |channel: usize| {
-                let [photograph, rendered] =
-                    [photograph[channel], rendered[channel]].map(|level| table[usize::from(level)]);
-                kept * photograph - weight * rendered
-            };
-            *sample = [value(0), value(1), value(2), weight];
+/// Runs of pixels inside and outside the mask: which, and where they begin and end.
+fn runs(mask: &[bool]) -> impl Iterator<Item = (bool, Range<usize>)> {
+    let mut from = 0;
+    std::iter::from_fn(move || {
+        let &inside = mask.get(from)?;
+        let others = mask[from..].iter().position(|&next| next != inside);
+        let to = others.map_or(mask.len(), |count| from + count);
+        let run = (inside, from..to);
+        from = to;
+        Some(run)
+    })
+}
+
+/// One blend of images.
+struct Blending<'a, T, F> {
+    mode: BlendMode,
+    light: Light,
+    table: [f32; 256],
+    inputs: &'a Inputs<'a>,
+    /// Of the mask, by row.
+    extents: Vec<Extent>,
+    /// Turns a row of values into pixels of the result.
+    finish: F,
+    pixel: PhantomData<fn() -> T>,
+}
+
+impl<T, F> Blending<'_, T, F> {
+    /// A row of an image.
+    fn row<'i, V>(&self, of: &'i Raster<V>, row: usize) -> &'i [V] {
+        let width = of.width() as usize;
+        &of.values()[row * width..][..width]
+    }
+}
+
+impl<T: Send, F: Fn(&[f32], &mut [[T; 3]]) + Sync> Work for Blending<'_, T, F> {
+    type Pixel = [T; 3];
+
+    fn extent(&self, row: usize) -> Extent {
+        match self.mode {
+            BlendMode::Reference => Extent::Some,
+            BlendMode::Composite | BlendMode::Normalized => self.extents[row],
         }
     }
 
-    /// Adds the low-passed difference to the rendering in one row of the result.
-    fn finish_row<T>(
-        &self,
-        (inputs, table): (&Inputs<'_>, &[f32; 256]),
-        low: &[Sample],
-        (row, pixels): (usize, &mut [[T; 3]]),
-        finish: &impl Fn(f32) -> T,
-    ) {
-        let range = self.row_range(row);
-        let rendered = &inputs.rendered.values()[range.clone()];
-        let photograph = &inputs.photograph.values()[range.clone()];
-        let mask = &inputs.mask.values()[range];
-        for (column, pixel) in pixels.iter_mut().enumerate() {
-            let inside = mask[column];
+    fn is_weighted(&self) -> bool {
+        self.mode == BlendMode::Normalized
+    }
+
+    /// Photograph − rendering inside the mask; outside the photograph, or nothing.
+    fn fill(&self, row: usize, colors: &mut [f32], weights: &mut [f32]) {
+        let photograph = self.row(self.inputs.photograph, row).as_flattened();
+        let rendered = self.row(self.inputs.rendered, row).as_flattened();
+        for (inside, pixels) in runs(self.row(self.inputs.mask, row)) {
+            weights[pixels.clone()].fill(if inside { 1.0 } else { 0.0 });
+            let run = 3 * pixels.start..3 * pixels.end;
+            let (colors, photograph) = (&mut colors[run.clone()], &photograph[run.clone()]);
+            let rendered = inside.then(|| &rendered[run]);
+            match (self.light, rendered) {
+                (_, None) if self.mode != BlendMode::Reference => colors.fill(0.0),
+                (Light::Encoded, None) => levels::values(photograph, colors),
+                (Light::Encoded, Some(rendered)) => {
+                    levels::difference((photograph, rendered), colors);
+                }
+                (Light::Linear, rendered) => {
+                    for (at, color) in colors.iter_mut().enumerate() {
+                        let value = |level: u8| self.table[usize::from(level)];
+                        *color = value(photograph[at]) - rendered.map_or(0.0, |r| value(r[at]));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the low-passed difference to the rendering.
+    fn take(&self, row: usize, (low, weights): (&mut [f32], &[f32]), out: &mut [[T; 3]]) {
+        let photograph = self.row(self.inputs.photograph, row).as_flattened();
+        let rendered = self.row(self.inputs.rendered, row).as_flattened();
+        for (inside, pixels) in runs(self.row(self.inputs.mask, row)) {
+            let run = 3 * pixels.start..3 * pixels.end;
+            let (low, weights) = (&mut low[run.clone()], &weights[pixels]);
+            let (photograph, rendered) = (&photograph[run.clone()], &rendered[run]);
             if !inside && self.mode != BlendMode::Reference {
-                *pixel = photograph[column].map(|value| finish(f32::from(value)));
+                levels::values(photograph, low);
                 continue;
             }
-            let [red, green, blue, weight] = low[column];
-            let weight = match self.mode {
-                BlendMode::Normalized => weight,
-                BlendMode::Reference | BlendMode::Composite => 1.0,
-            };
-            let gain = 1.0 / weight;
-            *pixel = std::array::from_fn(|channel| {
-                let base = table[usize::from(rendered[column][channel])];
-                let added = if weight < SMALLEST_WEIGHT {
-                    table[usize::from(photograph[column][channel])] - base
-                } else {
-                    [red, green, blue][channel] * gain
-                };
-                let base = if inside { base } else { 0.0 };
-                finish(self.light.encode(base + added))
-            });
+            if self.mode == BlendMode::Normalized {
+                levels::normalize(low, weights);
+                self.mend(low, weights, (photograph, rendered));
+            }
+            match (self.light, inside) {
+                (Light::Encoded, true) => levels::add(rendered, low),
+                (Light::Encoded, false) => {}
+                (Light::Linear, _) => {
+                    for (value, &level) in low.iter_mut().zip(rendered) {
+                        let base = if inside {
+                            self.table[usize::from(level)]
+                        } else {
+                            0.0
+                        };
+                        *value = self.light.encode(base + *value);
+                    }
+                }
+            }
+        }
+        (self.finish)(low, out);
+    }
+}
+
+impl<T, F> Blending<'_, T, F> {
+    /// Takes the difference unfiltered where the weights are too small.
+    fn mend(&self, low: &mut [f32], weights: &[f32], (photograph, rendered): (&[u8], &[u8])) {
+        if weights.iter().all(|&weight| weight >= SMALLEST_WEIGHT) {
+            return;
+        }
+        for (at, value) in low.iter_mut().enumerate() {
+            if weights[at / 3] < SMALLEST_WEIGHT {
+                let [photograph, rendered] = [photograph[at], rendered[at]];
+                *value = self.table[usize::from(photograph)] - self.table[usize::from(rendered)];
+            }
         }
     }
 }
 
 impl Frame {
-    /// As [`Neighbours::filter`], for an image of `width`; the fourth value of a sample only if
-    /// `weighted`.
-    fn filter<T: Send>(
-        &self,
-        (out, width): (&mut [T], usize),
-        weighted: bool,
-        fill: impl Fn(usize, &mut [Sample]) + Sync + Send,
-        take: impl Fn(usize, &[Sample], &mut [T]) + Sync + Send,
-    ) -> Result<()> {
-        let planes = parallel::try_map(3 + usize::from(weighted), |channel| {
-            self.filtered((channel, width), &fill)
-        })?;
+    /// As [`Neighbours::filter`], for an image of `width`.
+    fn filter<W: Work>(&self, work: &W, (out, width): (&mut [W::Pixel], usize)) -> Result<()> {
+        let channels = 3 + usize::from(work.is_weighted());
+        let planes = parallel::try_map(channels, |channel| self.filtered((channel, width), work))?;
         parallel::for_each_chunk(out, width, |row, out| {
             let start = (row + self.rows.offset) * self.columns.length() + self.columns.offset;
-            let sample = |column: usize| {
-                let value = |channel: usize| planes.get(channel).map_or(0.0, |p| p[start + column]);
-                std::array::from_fn(value)
+            let value = |channel: usize, column: usize| planes[channel][start + column];
+            let mut colors: Vec<f32> = (0..3 * width).map(|at| value(at % 3, at / 3)).collect();
+            let weights: Vec<f32> = match work.is_weighted() {
+                true => (0..width).map(|column| value(3, column)).collect(),
+                false => vec![1.0; width],
             };
-            let low: Vec<Sample> = (0..width).map(sample).collect();
-            take(row, &low, out);
+            work.take(row, (&mut colors, &weights), out);
         });
         Ok(())
     }
 
-    /// The low-passed plane of one channel, in the frame's size.
-    fn filtered(
-        &self,
-        (channel, width): (usize, usize),
-        fill: &impl Fn(usize, &mut [Sample]),
-    ) -> Result<Vec<f32>> {
+    /// The low-passed plane of one channel, the fourth of which is the weight, in the frame's size.
+    fn filtered(&self, (channel, width): (usize, usize), work: &impl Work) -> Result<Vec<f32>> {
         let frame = self.columns.length();
-        let mut samples = vec![[0.0; 4]; width];
+        let (mut colors, mut weights) = (vec![0.0; 3 * width], vec![0.0; width]);
         let mut plane = vec![0.0; frame * self.rows.length()];
         for (out, &row) in plane.chunks_exact_mut(frame).zip(&self.rows.source) {
-            fill(row, &mut samples);
+            work.fill(row, &mut colors, &mut weights);
             for (value, &column) in out.iter_mut().zip(&self.columns.source) {
-                *value = samples[column][channel];
+                *value = match channel {
+                    3 => weights[column],
+                    _ => colors[3 * column + channel],
+                };
             }
         }
         self.low_pass.apply(&mut plane)?;
         Ok(plane)
     }
-}
-
-/// The nearest of the 256 levels.
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "clamped to 0 … 255 before the cast"
-)]
-fn to_level(value: f32) -> u8 {
-    (value.clamp(0.0, 255.0) + 0.5) as u8
 }

@@ -6,6 +6,7 @@
 
 mod filter;
 mod frame;
+mod levels;
 mod light;
 mod neighbours;
 mod spectrum;

@@ -7,8 +7,31 @@ use crate::parallel;
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
-/// Three differences of colour and the mask's weight, filtered together.
-pub(super) type Sample = [f32; 4];
+/// What is filtered, row by row, and what becomes of it.
+pub(super) trait Work: Sync {
+    /// A pixel of the result.
+    type Pixel: Send;
+    /// What is known of a row of the image.
+    fn extent(&self, row: usize) -> Extent;
+    /// Whether weights are wanted.
+    fn is_weighted(&self) -> bool;
+    /// Writes what is filtered in a row: three differences of colour a pixel, and its weight. Called
+    /// for any row from any thread.
+    fn fill(&self, row: usize, colors: &mut [f32], weights: &mut [f32]);
+    /// Writes a row of the result from the filtered colours, which may be overwritten, and weights.
+    fn take(&self, row: usize, low: (&mut [f32], &[f32]), out: &mut [Self::Pixel]);
+}
+
+/// How much of a row, or of rows, is to be filtered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Extent {
+    /// Nothing: all values are 0.
+    Nothing,
+    /// Some of it.
+    Some,
+    /// All of it: weights are 1.
+    All,
+}
 
 /// What may be left out of the weights, whose sum is 1.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -75,8 +98,10 @@ pub(super) struct Neighbours {
     along_columns: Weights,
 }
 
-/// Rows of samples as plain values, each row followed by room for whole blocks.
+/// Rows of values, each followed by room for whole blocks.
 struct Rows {
+    /// Values in a row.
+    length: usize,
     /// Values from one row to the next: whole tiles, and a little so that rows fall on different
     /// places in the cache.
     stride: usize,
@@ -84,17 +109,69 @@ struct Rows {
 }
 
 impl Rows {
-    fn new(count: usize, width: usize) -> Self {
-        let stride = (4 * width).next_multiple_of(TILE) + BLOCK;
+    fn new(count: usize, length: usize) -> Self {
+        let stride = length.next_multiple_of(TILE) + BLOCK;
         Self {
+            length,
             stride,
             values: vec![0.0; stride * count],
         }
     }
 
-    fn row(&mut self, index: usize, width: usize) -> &mut [Sample] {
-        let start = index * self.stride;
-        self.values[start..start + 4 * width].as_chunks_mut().0
+    fn row(&mut self, index: usize) -> &mut [f32] {
+        &mut self.values[index * self.stride..][..self.length]
+    }
+}
+
+/// Values of one kind in a strip, so many a pixel.
+struct Layer {
+    channels: usize,
+    source: Rows,
+    columns_done: Rows,
+    padded: Vec<f32>,
+    /// One row, filtered, with room for whole blocks.
+    filtered: Vec<f32>,
+}
+
+impl Layer {
+    fn new(of: &Neighbours, channels: usize) -> Self {
+        let length = channels * of.width;
+        let beyond = 2 * channels * of.along_rows.reach();
+        Self {
+            channels,
+            source: Rows::new(STRIP + 2 * of.along_columns.reach(), length),
+            columns_done: Rows::new(STRIP, length),
+            padded: vec![0.0; length + beyond + BLOCK],
+            filtered: vec![0.0; length.next_multiple_of(BLOCK)],
+        }
+    }
+
+    /// Filters the first `rows` rows along columns.
+    fn along_columns(&mut self, of: &Neighbours, rows: usize) {
+        Arch::new().dispatch(AlongColumns {
+            weights: &of.along_columns.0,
+            source: &self.source,
+            out: &mut self.columns_done,
+            rows,
+        });
+    }
+
+    /// Filters one row, filtered along columns, along itself.
+    fn along_row(&mut self, of: &Neighbours, index: usize) {
+        let (channels, reach) = (self.channels, of.along_rows.reach());
+        let row = self.columns_done.row(index);
+        let first = channels * reach;
+        self.padded[first..first + row.len()].copy_from_slice(row);
+        for index in (0..reach).chain(reach + of.width..of.width + 2 * reach) {
+            let from = channels * of.edge.source(index, reach, of.width);
+            self.padded[channels * index..][..channels].copy_from_slice(&row[from..][..channels]);
+        }
+        Arch::new().dispatch(AlongRow {
+            weights: &of.along_rows.0,
+            source: &self.padded,
+            step: channels,
+            out: &mut self.filtered,
+        });
     }
 }
 
@@ -110,52 +187,60 @@ impl Neighbours {
         }
     }
 
-    /// Filters the image whose rows `fill` writes; `take` gets each filtered row with the same row
-    /// of `out`. Both are called for any row from any thread.
-    pub(super) fn filter<T: Send>(
-        &self,
-        out: &mut [T],
-        fill: impl Fn(usize, &mut [Sample]) + Sync + Send,
-        take: impl Fn(usize, &[Sample], &mut [T]) + Sync + Send,
-    ) {
+    /// Filters what `work` fills in and hands it the result, a strip of rows at a time.
+    pub(super) fn filter<W: Work>(&self, work: &W, out: &mut [W::Pixel]) {
         let (width, reach) = (self.width, self.along_columns.reach());
-        parallel::for_each_chunk(out, width * STRIP, |strip, out| {
+        let room = || (Layer::new(self, 3), Layer::new(self, 1));
+        let size = width * STRIP;
+        parallel::for_each_chunk_with((out, size), room, |(colors, weights), strip, out| {
             let (first, rows) = (strip * STRIP, out.len() / width);
-            let mut source = Rows::new(rows + 2 * reach, width);
-            for index in 0..rows + 2 * reach {
-                let row = self.edge.source(first + index, reach, self.height);
-                fill(row, source.row(index, width));
+            let source = |index: usize| self.edge.source(first + index, reach, self.height);
+            let sources = rows + 2 * reach;
+            let extent = |index| work.extent(source(index));
+            let nothing = (0..sources).all(|index| extent(index) == Extent::Nothing);
+            let all = nothing || (0..sources).all(|index| extent(index) == Extent::All);
+            let ones = all || !work.is_weighted();
+            if !nothing {
+                for index in 0..sources {
+                    work.fill(
+                        source(index),
+                        colors.source.row(index),
+                        weights.source.row(index),
+                    );
+                }
+                colors.along_columns(self, rows);
             }
-            let mut columns_done = Rows::new(rows, width);
-            Arch::new().dispatch(AlongColumns {
-                weights: &self.along_columns.0,
-                source: &source,
-                out: &mut columns_done,
-            });
-            let mut padded = vec![[0.0; 4]; width + 2 * self.along_rows.reach() + BLOCK];
-            let mut filtered = Rows::new(1, width);
+            if ones {
+                weights.filtered.fill(self.unit());
+            } else {
+                weights.along_columns(self, rows);
+            }
             for (index, out) in out.chunks_exact_mut(width).enumerate() {
-                self.pad(columns_done.row(index, width), &mut padded);
-                let values = padded.as_flattened();
-                let length = (4 * width).next_multiple_of(BLOCK);
-                let target = &mut filtered.values[..length];
-                Arch::new().dispatch(AlongRow {
-                    weights: &self.along_rows.0,
-                    source: values,
-                    out: target,
-                });
-                take(first + index, filtered.row(0, width), out);
+                if nothing {
+                    colors.filtered.fill(0.0);
+                } else {
+                    colors.along_row(self, index);
+                }
+                if !ones {
+                    weights.along_row(self, index);
+                }
+                let low = (
+                    &mut colors.filtered[..3 * width],
+                    &weights.filtered[..width],
+                );
+                work.take(first + index, low, out);
             }
         });
     }
 
-    /// The row with what lies beyond its ends on both sides.
-    fn pad(&self, row: &[Sample], padded: &mut [Sample]) {
-        let reach = self.along_rows.reach();
-        padded[reach..reach + self.width].copy_from_slice(row);
-        for index in (0..reach).chain(reach + self.width..self.width + 2 * reach) {
-            padded[index] = row[self.edge.source(index, reach, self.width)];
-        }
+    /// What the filter makes of ones, in the order of its sums.
+    fn unit(&self) -> f32 {
+        let filtered = |value: f32, weights: &Weights| {
+            let ahead = weights.0[1..].iter().rev();
+            let sum = ahead.fold(0.0, |sum, weight| sum + weight * (value + value));
+            sum + weights.0[0] * value
+        };
+        filtered(filtered(1.0, &self.along_columns), &self.along_rows)
     }
 }
 
@@ -165,6 +250,7 @@ struct AlongColumns<'a> {
     weights: &'a [f32],
     source: &'a Rows,
     out: &'a mut Rows,
+    rows: usize,
 }
 
 impl WithSimd for AlongColumns<'_> {
@@ -174,7 +260,8 @@ impl WithSimd for AlongColumns<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let stride = self.source.stride;
         for tile in (0..stride - BLOCK).step_by(TILE) {
-            for (index, row) in self.out.values.chunks_exact_mut(stride).enumerate() {
+            let rows = self.out.values.chunks_exact_mut(stride).take(self.rows);
+            for (index, row) in rows.enumerate() {
                 let above = &self.source.values[index * stride + tile..];
                 weigh(&mut row[tile..tile + TILE], above, stride, self.weights);
             }
@@ -182,10 +269,11 @@ impl WithSimd for AlongColumns<'_> {
     }
 }
 
-/// Filters a row, whose samples have four values; `source` starts the filter's reach earlier.
+/// Filters a row of pixels with `step` values each; `source` starts the filter's reach earlier.
 struct AlongRow<'a> {
     weights: &'a [f32],
     source: &'a [f32],
+    step: usize,
     out: &'a mut [f32],
 }
 
@@ -194,7 +282,7 @@ impl WithSimd for AlongRow<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        weigh(self.out, self.source, 4, self.weights);
+        weigh(self.out, self.source, self.step, self.weights);
     }
 }
 
@@ -252,28 +340,97 @@ mod tests {
                 panic!("{size:?} {d0:?} reaches too far");
             };
             let filter = Neighbours::new(size, Edge::Circular, (rows, columns));
-            let mut found = vec![[0.0; 4]; width * height];
-            let fill = |row: usize, out: &mut [Sample]| {
-                for (column, sample) in out.iter_mut().enumerate() {
-                    let value = |channel| noise(4 * (row * width + column) + channel);
-                    *sample = std::array::from_fn(value);
-                }
-            };
-            let take = |_, row: &[Sample], out: &mut [Sample]| out.copy_from_slice(row);
-            filter.filter(&mut found, fill, take);
-            for channel in 0..4 {
-                let mut expected: Vec<f32> = (0..width * height)
-                    .map(|i| noise(4 * i + channel))
-                    .collect();
-                LowPass::new(size, d0).apply(&mut expected).unwrap();
-                for (f, e) in found.iter().zip(&expected) {
-                    assert!(
-                        (f[channel] - e).abs() < 2e-4,
-                        "{size:?}: {} {e}",
-                        f[channel]
-                    );
+            for extent in [Extent::Some, Extent::All] {
+                let mut found = vec![[0.0; 4]; width * height];
+                filter.filter(&NoiseOf { width, extent }, &mut found);
+                for channel in 0..4 {
+                    let value = |i| match (channel, extent) {
+                        (3, Extent::All) => 1.0,
+                        _ => noise(4 * i + channel),
+                    };
+                    let mut expected: Vec<f32> = (0..width * height).map(value).collect();
+                    LowPass::new(size, d0).apply(&mut expected).unwrap();
+                    for (f, e) in found.iter().zip(&expected) {
+                        assert!(
+                            (f[channel] - e).abs() < 2e-4,
+                            "{size:?}: {} {e}",
+                            f[channel]
+                        );
+                    }
                 }
             }
+        }
+    }
+
+    /// Noise in all channels; where the extent is all, weights of 1 instead.
+    struct NoiseOf {
+        width: usize,
+        extent: Extent,
+    }
+
+    impl Work for NoiseOf {
+        type Pixel = [f32; 4];
+
+        fn extent(&self, _: usize) -> Extent {
+            self.extent
+        }
+
+        fn is_weighted(&self) -> bool {
+            true
+        }
+
+        fn fill(&self, row: usize, colors: &mut [f32], weights: &mut [f32]) {
+            for column in 0..self.width {
+                let at = 4 * (row * self.width + column);
+                for channel in 0..3 {
+                    colors[3 * column + channel] = noise(at + channel);
+                }
+                weights[column] = noise(at + 3);
+            }
+        }
+
+        fn take(&self, _: usize, (colors, weights): (&mut [f32], &[f32]), out: &mut [[f32; 4]]) {
+            let colors = colors.as_chunks::<3>().0;
+            for ((out, &[r, g, b]), &weight) in out.iter_mut().zip(colors).zip(weights) {
+                *out = [r, g, b, weight];
+            }
+        }
+    }
+
+    #[test]
+    fn ones_become_what_is_filled_in_for_them() {
+        for (edge, size, d0) in [
+            (Edge::Circular, (251, 151), (900.0, 400.0)),
+            (Edge::Reflected, (128, 96), (50.0, 60.0)),
+        ] {
+            let (columns, rows) = (edge.axis(size.0, d0.0), edge.axis(size.1, d0.1));
+            let along_rows = Weights::new(columns.length(), columns.d0).unwrap();
+            let along_columns = Weights::new(rows.length(), rows.d0).unwrap();
+            let filter = Neighbours::new(size, edge, (along_rows, along_columns));
+            struct Ones;
+            impl Work for Ones {
+                type Pixel = f32;
+                fn extent(&self, _: usize) -> Extent {
+                    Extent::Some
+                }
+                fn is_weighted(&self) -> bool {
+                    true
+                }
+                fn fill(&self, _: usize, _: &mut [f32], weights: &mut [f32]) {
+                    weights.fill(1.0);
+                }
+                fn take(&self, _: usize, (_, weights): (&mut [f32], &[f32]), out: &mut [f32]) {
+                    out.copy_from_slice(weights);
+                }
+            }
+            let mut found = vec![0.0; size.0 * size.1];
+            filter.filter(&Ones, &mut found);
+            assert!(
+                found
+                    .iter()
+                    .all(|&one| one.to_bits() == filter.unit().to_bits())
+            );
+            assert!((filter.unit() - 1.0).abs() < 4e-6);
         }
     }
 

@@ -70,10 +70,22 @@ pub(crate) struct GenerateArgs {
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
+    /// What source views are chosen by: what the mesh lets each view see (`exact`, default), or the
+    /// points of the COLMAP model that --cameras names (`colmap`)
+    #[arg(long, value_enum)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pairs: Option<PairsFlag>,
     #[command(flatten)]
     meshes: MeshFlags,
     #[command(flatten)]
     options: GenerateFlags,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum PairsFlag {
+    Exact,
+    Colmap,
 }
 
 #[derive(Debug, Args, Serialize)]

@@ -12,7 +12,8 @@ use mvs_datasets::scene::{ColorImage, Mask};
 const DARK: u8 = 8;
 
 /// The bytes of a JPEG of `masked`, encoded by `options` if its background comes back dark, else
-/// with full chroma and the least quality above that does. Both of one size.
+/// with full chroma and the least quality above that does. Both of one size. Not to be asked where
+/// the mask leaves nothing out: the image itself is the masked one.
 pub(super) fn encode(masked: &ColorImage, mask: &Mask, options: JpegOptions) -> Result<Vec<u8>> {
     let full_chroma = |quality: u8| JpegOptions {
         quality: quality.max(options.quality),
@@ -29,10 +30,11 @@ pub(super) fn encode(masked: &ColorImage, mask: &Mask, options: JpegOptions) -> 
     jpeg(masked, full_chroma(100))
 }
 
-fn jpeg(image: &ColorImage, options: JpegOptions) -> Result<Vec<u8>> {
+/// The bytes of a JPEG of `image`.
+pub(super) fn jpeg(image: &ColorImage, options: JpegOptions) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     image::write_jpeg(&mut bytes, image, options)
-        .map_err(|error| Error::invalid("masked image", error.to_string()))?;
+        .map_err(|error| Error::invalid("image to encode", error.to_string()))?;
     Ok(bytes)
 }
 

@@ -7,6 +7,7 @@ use crate::render::{BackFaces, Renderer};
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{Mesh, SourceScore, View};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// How source views are chosen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -154,6 +155,36 @@ impl Covisibility {
             sources
         };
         (0..self.views).map(of_view).collect()
+    }
+}
+
+/// Whether a view sees surface on its grid.
+pub(super) fn sees_surface(
+    surface: (&Renderer, &Mesh),
+    view: &View,
+    look: (&PairOptions, BackFaces),
+) -> bool {
+    !surface_points(surface, view, look).0.is_empty()
+}
+
+/// Source views of each of `views` without those in `blind`, and without views that are left without
+/// any: those are nobody's source either.
+pub(super) fn without(
+    views: &[View],
+    mut sources: Vec<Vec<SourceScore>>,
+    mut blind: BTreeSet<u32>,
+) -> Vec<Vec<SourceScore>> {
+    loop {
+        for (view, sources) in views.iter().zip(&mut sources) {
+            let is_blind = blind.contains(&view.id);
+            sources.retain(|source| !is_blind && !blind.contains(&source.id));
+        }
+        let alone = views.iter().zip(&sources).filter(|(_, all)| all.is_empty());
+        let alone: BTreeSet<u32> = alone.map(|(view, _)| view.id).collect();
+        if alone == blind {
+            return sources;
+        }
+        blind = alone;
     }
 }
 

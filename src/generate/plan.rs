@@ -43,11 +43,11 @@ pub fn mesh_digest(mesh: &Mesh) -> String {
         if let Some(cutout) = &material.cutout {
             bytes.extend(cutout.cutoff.to_le_bytes());
             bytes.extend(cutout.opacity.width().to_le_bytes());
-            bytes.extend(cutout.opacity.values());
+            bytes.extend_from_slice(cutout.opacity.values());
         }
         if let Some(texture) = &material.texture {
             bytes.extend(texture.width().to_le_bytes());
-            bytes.extend(texture.values().iter().flatten());
+            bytes.extend_from_slice(texture.values().as_flattened());
         }
         feed(&mut bytes);
     }

@@ -29,16 +29,17 @@ pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Opt
         let problem = format!("expected a finite fraction of at least 0, found {margin}");
         return Err(Error::invalid("range margin", problem));
     }
+    // Numbers above 0 are ordered as their bits are.
     let valid = depth.values().iter().filter(|&&z| z > 0.0);
-    let mut sorted: Vec<f32> = valid.copied().collect();
-    sorted.sort_unstable_by(f32::total_cmp);
-    let (Some(&first), Some(&last)) = (sorted.first(), sorted.last()) else {
+    let mut depths: Vec<u32> = valid.map(|z| z.to_bits()).collect();
+    if depths.is_empty() {
         return Ok(None);
+    }
+    let fractions = match rule {
+        RangeRule::Percentile => (0.01, 0.99),
+        RangeRule::Full | RangeRule::Widened => (0.0, 1.0),
     };
-    let (low, high) = match rule {
-        RangeRule::Percentile => (percentile(&sorted, 0.01), percentile(&sorted, 0.99)),
-        RangeRule::Full | RangeRule::Widened => (first, last),
-    };
+    let (low, high) = percentiles(&mut depths, fractions);
     let (low, high) = not_empty(f64::from(low), f64::from(high));
     let length = high - low;
     let (min, max) = match rule {
@@ -49,16 +50,21 @@ pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Opt
     Ok(Some(DepthRange::new(min, max + margin * length)?))
 }
 
-/// The value at index int(fraction · n) of ascending values, of which there is at least one.
-fn percentile(sorted: &[f32], fraction: f64) -> f32 {
+/// The numbers whose bits stand at indices int(fraction · n) when they are ascending, of which there is
+/// at least one; the fractions too are ascending.
+fn percentiles(bits: &mut [u32], fractions: (f64, f64)) -> (f32, f32) {
+    let count = bits.len();
     #[allow(
         clippy::cast_precision_loss,
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "a fraction of a count is a count"
     )]
-    let index = (fraction * sorted.len() as f64) as usize;
-    sorted[index.min(sorted.len() - 1)]
+    let index = |fraction: f64| ((fraction * count as f64) as usize).min(count - 1);
+    let (low, high) = (index(fractions.0), index(fractions.1));
+    let high_value = *bits.select_nth_unstable(high).1;
+    let low_value = *bits[..=high].select_nth_unstable(low).1;
+    (f32::from_bits(low_value), f32::from_bits(high_value))
 }
 
 /// A range that is not empty even for a surface at one depth.
@@ -109,6 +115,23 @@ mod tests {
         assert_eq!(range(&depth, RangeRule::Full, 0.0), (1.0, 250.0));
         let (min, max) = range(&depth, RangeRule::Percentile, 0.01);
         assert!((min - 0.55).abs() < 1e-12 && (max - 250.45).abs() < 1e-12);
+    }
+
+    #[test]
+    fn percentiles_are_those_of_sorted_values() {
+        for count in 1..300u32 {
+            let depths = (0..count).map(|i| ((i * 7919) % 311) as f32 * 0.37 + 0.1);
+            let mut sorted: Vec<f32> = depths.collect();
+            let depth = map(sorted.clone());
+            sorted.sort_by(f32::total_cmp);
+            let at = |fraction: f64| f64::from(sorted[(fraction * f64::from(count)) as usize]);
+            let expected = not_empty(at(0.01), at(0.99));
+            assert_eq!(
+                range(&depth, RangeRule::Percentile, 0.0),
+                expected,
+                "{count}"
+            );
+        }
     }
 
     #[test]

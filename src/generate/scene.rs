@@ -2,7 +2,8 @@
 
 use super::shard::Part;
 use super::view::{self, ViewWork};
-use super::{Covisibility, Extra, Fit, GenerateOptions, Photographs, plan};
+use super::{Covisibility, Extra, Fit, GenerateOptions, Photographs, pairs, plan};
+use crate::blend::Blender;
 use crate::error::{Error, Result};
 use crate::parallel;
 use crate::progress::Progress;
@@ -14,7 +15,7 @@ use mvs_datasets::layout::blended::record::{self, LeftOut, SceneFile, ViewRecord
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
 use mvs_datasets::layout::{exports, files};
 use mvs_datasets::scene::{Mesh, Scene, SourceScore, View};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What a scene is generated from.
 #[derive(Clone, Copy)]
@@ -31,6 +32,9 @@ pub struct Source<'a> {
     pub photographs: &'a dyn Photographs,
     /// Sentences on the mesh for whoever uses the scene, e.g. missing textures.
     pub notes: &'a [String],
+    /// Source views of each of `views`, best first, where they are chosen already, as by
+    /// [`super::sparse_sources`]; `None` to choose them by exact visibility.
+    pub sources: Option<&'a [Vec<SourceScore>]>,
 }
 
 /// Where a set of the scene is written, and the size of its images.
@@ -59,6 +63,7 @@ struct Plan {
     places: Vec<usize>,
     sources: Vec<Vec<SourceScore>>,
     left_out: Vec<LeftOut>,
+    /// Square, if asked for.
     covisibility: Vec<f32>,
 }
 
@@ -106,7 +111,7 @@ pub fn generate_sets(
     let first = targets.first().map(|target| target.size);
     let first = first.ok_or_else(|| Error::invalid("image sizes", "expected one, found none"))?;
     let renderer = Renderer::new(source.mesh)?;
-    let plan = plan_scene(source, first, (&renderer, options), progress)?;
+    let plan = plan_scene(source, (first, part), (&renderer, options), progress)?;
     for left_out in &plan.left_out {
         let message = format!("view {} is left out: {}", left_out.id, left_out.reason);
         warnings.add("view-left-out", message);
@@ -147,6 +152,7 @@ impl SetWork<'_> {
             folder: self.folder,
             options: &self.options,
             scene_digest,
+            blenders: &self.blenders()?,
         };
         let mine: Vec<usize> = (0..self.fitted.len())
             .filter(|&index| self.part.holds(self.plan.places[index]))
@@ -177,6 +183,21 @@ impl SetWork<'_> {
                 Part::All | Part::Merge => Some(self.write_scene(records)?),
             },
         })
+    }
+
+    /// A blender for each image size, to be used for all views; none where no view is made.
+    fn blenders(&self) -> Result<BTreeMap<(u32, u32), Blender>> {
+        if self.part == Part::Merge {
+            return Ok(BTreeMap::new());
+        }
+        let sizes = self.fitted.iter();
+        let sizes = sizes.map(|view| (view.camera.width(), view.camera.height()));
+        let sizes: BTreeSet<(u32, u32)> = sizes.collect();
+        let made = sizes.into_iter().map(|size| {
+            let blender = Blender::new(size, &self.options.blend)?;
+            Ok((size, blender))
+        });
+        made.collect()
     }
 
     /// The views whose sight of the view at `index` is written with it: its sources, if occlusion
@@ -263,22 +284,48 @@ impl SetWork<'_> {
     }
 }
 
-/// Chooses the views and their sources.
+/// Chooses the views and their sources. A shard that writes nothing of other views takes every view
+/// that sees surface: which of them belong into the scene is the merge's to find.
 fn plan_scene(
     source: &Source<'_>,
-    size: Option<(u32, u32)>,
+    (size, part): (Option<(u32, u32)>, Part),
     (renderer, options): (&Renderer<'_>, &GenerateOptions),
     progress: &dyn Progress,
 ) -> Result<Plan> {
-    let mut views = source.views.to_vec();
-    views.sort_by_key(|view| view.id);
+    options.pairs.check()?;
+    let mut given: Vec<usize> = (0..source.views.len()).collect();
+    given.sort_by_key(|&place| source.views[place].id);
+    let views: Vec<View> = given.iter().map(|&i| source.views[i].clone()).collect();
     let fit = |view: &View| Ok(Fit::undistorting(&view.camera, size)?.view(view));
     let fitted = views.iter().map(fit).collect::<Result<Vec<_>>>()?;
+    let surface = (renderer, source.mesh);
     let look = (&options.pairs, options.render.back_faces);
-    let covisibility = Covisibility::measure((renderer, source.mesh), &fitted, look, progress)?;
-    let mut sources = covisibility.sources(&fitted, options.pairs.sources);
-    let (places, dropped): (Vec<usize>, Vec<usize>) =
-        (0..fitted.len()).partition(|&i| !sources[i].is_empty());
+    let sees = |view: &View| pairs::sees_surface(surface, view, look);
+    let occlusion = options.extras.contains(&Extra::Occlusion);
+    if matches!(part, Part::Shard { .. }) && !occlusion {
+        let mine = |&place: &usize| part.holds(place) && sees(&fitted[place]);
+        let places: Vec<usize> = (0..fitted.len()).filter(mine).collect();
+        let nobody = vec![Vec::new(); fitted.len()];
+        return Ok(Plan::new((&views, places), nobody, &[]));
+    }
+    let wanted = source.sources.is_none() || options.extras.contains(&Extra::Covisibility);
+    let covisibility = match wanted {
+        true => Some(Covisibility::measure(surface, &fitted, look, progress)?),
+        false => None,
+    };
+    let sources = match (source.sources, &covisibility) {
+        (None, Some(covisibility)) => covisibility.sources(&fitted, options.pairs.sources),
+        (chosen, _) => {
+            let blind = fitted.iter().filter(|view| !sees(view));
+            let blind: BTreeSet<u32> = blind.map(|view| view.id).collect();
+            let chosen = given
+                .iter()
+                .map(|&i| chosen.map_or_else(Vec::new, |all| all[i].clone()));
+            pairs::without(&fitted, chosen.collect(), blind)
+        }
+    };
+    let has_sources = |&place: &usize| !sources[place].is_empty();
+    let places: Vec<usize> = (0..fitted.len()).filter(has_sources).collect();
     if places.is_empty() {
         let problem = format!(
             "expected at least two views that see the same surface, found none among {}; are mesh \
@@ -287,23 +334,38 @@ fn plan_scene(
         );
         return Err(Error::invalid("views", problem));
     }
-    let leave_out = |index: usize| LeftOut {
-        id: fitted[index].id,
-        reason: "no other view sees the surface that it sees".to_owned(),
-    };
-    let all = fitted.len();
-    let cells = |&row: &usize| places.iter().map(move |&column| row * all + column);
-    Ok(Plan {
-        left_out: dropped.into_iter().map(leave_out).collect(),
-        covisibility: (places.iter().flat_map(cells))
-            .map(|cell| covisibility.shared()[cell])
-            .collect(),
-        views: places.iter().map(|&i| views[i].clone()).collect(),
-        sources: (places.iter())
-            .map(|&i| std::mem::take(&mut sources[i]))
-            .collect(),
-        places,
-    })
+    let shared = covisibility.as_ref().map_or(&[][..], Covisibility::shared);
+    let mut plan = Plan::new((&views, places), sources, shared);
+    let left_out = views.iter().filter(|view| !plan.views.contains(view));
+    plan.left_out = left_out
+        .map(|view| LeftOut {
+            id: view.id,
+            reason: "no other view sees the surface that it sees".to_owned(),
+        })
+        .collect();
+    Ok(plan)
+}
+
+impl Plan {
+    /// The plan for the views at some places of all, with their sources and, of the square table of
+    /// all, their part.
+    fn new(
+        (all, places): (&[View], Vec<usize>),
+        mut sources: Vec<Vec<SourceScore>>,
+        shared: &[f32],
+    ) -> Self {
+        let cells = |&row: &usize| places.iter().map(move |&column| row * all.len() + column);
+        let cells = places.iter().flat_map(cells);
+        Self {
+            left_out: Vec::new(),
+            covisibility: cells.filter_map(|cell| shared.get(cell).copied()).collect(),
+            views: places.iter().map(|&place| all[place].clone()).collect(),
+            sources: (places.iter())
+                .map(|&place| std::mem::take(&mut sources[place]))
+                .collect(),
+            places,
+        }
+    }
 }
 
 /// The conventions of the written files, in words.

@@ -10,7 +10,7 @@ pub enum Part {
     All,
     /// Every `count`-th of the given views by ascending id, from place `index` (from 1) on, and none
     /// of the files that belong to the scene as a whole. Processes may make different shards of one
-    /// scene at the same time; each looks for source views on its own.
+    /// scene at the same time; each looks for source views on its own where occlusion is asked for.
     Shard {
         /// From 1 to `count`.
         index: usize,

@@ -14,7 +14,7 @@ use mvs_datasets::format::pfm;
 use mvs_datasets::layout::blended::record::{self, ViewRecord};
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::files;
-use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, Mask, View};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,6 +26,8 @@ pub(super) struct ViewWork<'a> {
     pub(super) folder: &'a BlendedFolder,
     pub(super) options: &'a GenerateOptions,
     pub(super) scene_digest: &'a str,
+    /// A blender for each image size of the set's views.
+    pub(super) blenders: &'a BTreeMap<(u32, u32), Blender>,
 }
 
 /// The images of one view, of one size.
@@ -34,8 +36,8 @@ struct Images {
     /// Pixels that the photograph does not show; its border stands there.
     beyond: usize,
     rendering: Rendering,
+    mask: Mask,
     blended: ColorImage,
-    masked: ColorImage,
 }
 
 /// Refuses a quality that no JPEG has.
@@ -87,13 +89,15 @@ impl ViewWork<'_> {
         let fit = Fit::undistorting(&given.camera, self.options.size)?;
         let (photograph, beyond) = fit.image(&photograph).map_err(named)?;
         let mask = rendering.depth.valid_mask();
-        let blender = Blender::new(mask.size(), &self.options.blend)?;
-        let blended = blender.blend(&rendering.color, &photograph, &mask)?;
+        let blended = match self.blenders.get(&mask.size()) {
+            Some(blender) => blender.blend(&rendering.color, &photograph, &mask)?,
+            None => blend::blend(&rendering.color, &photograph, &mask, &self.options.blend)?,
+        };
         Ok(Images {
-            masked: blend::masked(&blended, &mask)?,
             photograph,
             beyond,
             rendering,
+            mask,
             blended,
         })
     }
@@ -139,9 +143,7 @@ impl ViewWork<'_> {
             depth_range: Some(range),
             ..view.clone()
         };
-        BlendedFolder::write_jpeg(&folder.image(id), &images.blended, jpeg)?;
-        let masked = masked::encode(&images.masked, &rendering.depth.valid_mask(), jpeg)?;
-        files::write_atomically(&folder.masked_image(id), |out| out.write_all(&masked))?;
+        write_images(folder, id, images, jpeg)?;
         folder.write_depth(id, &rendering.depth)?;
         folder.write_cam(&ranged, self.options.pixel_centre)?;
         let mut written = vec![
@@ -191,7 +193,7 @@ impl ViewWork<'_> {
             }
             Extra::Masks => {
                 let path = folder.mask(id);
-                BlendedFolder::write_mask(&path, &rendering.depth.valid_mask())?;
+                BlendedFolder::write_mask(&path, &images.mask)?;
                 path
             }
             Extra::DepthEdges => {
@@ -237,6 +239,20 @@ impl ViewWork<'_> {
         };
         watchers.iter().map(write).collect()
     }
+}
+
+/// Writes the blended image, and what the mask leaves of it.
+fn write_images(folder: &BlendedFolder, id: u32, images: &Images, jpeg: JpegOptions) -> Result<()> {
+    let (blended, mask) = (&images.blended, &images.mask);
+    let bytes = masked::jpeg(blended, jpeg)?;
+    files::write_atomically(&folder.image(id), |out| out.write_all(&bytes))?;
+    let masked = if mask.values().contains(&false) {
+        masked::encode(&blend::masked(blended, mask)?, mask, jpeg)?
+    } else {
+        bytes
+    };
+    files::write_atomically(&folder.masked_image(id), |out| out.write_all(&masked))?;
+    Ok(())
 }
 
 /// A warning where the photograph does not cover the render.

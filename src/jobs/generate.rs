@@ -5,13 +5,18 @@ use super::meshes::{MeshOptions, read_mesh};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
-use crate::generate::{self, GenerateOptions, Part, PhotoFolder, Source, Target, scene_id};
+use crate::generate::{
+    self, GenerateOptions, Part, PhotoFolder, Source, Target, scene_id, sparse_sources,
+};
 use crate::provenance::Run;
 use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
+use mvs_datasets::layout::cameras::CamerasOptions;
 use mvs_datasets::layout::mvsnet::PixelCentre;
-use mvs_datasets::scene::Scene;
+use mvs_datasets::layout::sparse;
+use mvs_datasets::scene::{Scene, SourceScore, View};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval generate`.
@@ -42,10 +47,23 @@ pub struct GenerateJob {
     pub camera: CameraOptions,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
+    /// What says which views see the same surface.
+    pub pairs: PairsFrom,
     /// How the mesh is read.
     pub meshes: MeshOptions,
     /// How the scene is made.
     pub options: GenerateOptions,
+}
+
+/// What source views are chosen by.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PairsFrom {
+    /// What the mesh lets each view see.
+    #[default]
+    Exact,
+    /// The points of the COLMAP model that the cameras are from, as `mvs-eval pairs` does.
+    Colmap,
 }
 
 /// What was generated.
@@ -81,6 +99,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     };
     let outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
+    let sources = chosen_sources(job, scene.views())?;
     let source = Source {
         name: &name,
         id: &id,
@@ -88,6 +107,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         views: scene.views(),
         photographs: &photographs,
         notes: &loaded.notes,
+        sources: sources.as_deref(),
     };
     let target = |(root, size): &(PathBuf, Option<(u32, u32)>)| Target {
         folder: BlendedFolder::new(root.join(&id)),
@@ -115,6 +135,20 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         });
     }
     Ok(GenerateOutcome { sets })
+}
+
+/// The sources of each of `views`, where the model's points choose them.
+fn chosen_sources(job: &GenerateJob, views: &[View]) -> Result<Option<Vec<Vec<SourceScore>>>> {
+    if job.pairs == PairsFrom::Exact {
+        return Ok(None);
+    }
+    let model = sparse::read_sparse(&job.cameras, &CamerasOptions::default())?;
+    let seen = (&model.points[..], &model.seen[..]);
+    let chosen = sparse_sources(&model.views, seen, &job.options.pairs)?;
+    let of_id: BTreeMap<u32, Vec<SourceScore>> =
+        model.views.iter().map(|view| view.id).zip(chosen).collect();
+    let of_view = |view: &View| of_id.get(&view.id).cloned().unwrap_or_default();
+    Ok(Some(views.iter().map(of_view).collect()))
 }
 
 /// The root of a set and its image size in pixels; `None` for that of the photographs.

@@ -19,6 +19,8 @@ pub(crate) trait Lanes: Doubles {
     fn load(self, values: &[f32; LANES]) -> Self::V;
     fn store(self, values: Self::V) -> [f32; LANES];
     fn splat(self, value: f32) -> Self::V;
+    /// The values of eight bytes.
+    fn bytes(self, values: [u8; LANES]) -> Self::V;
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
@@ -125,6 +127,11 @@ impl Lanes for Plain {
     #[inline(always)]
     fn splat(self, value: f32) -> Self::V {
         [value; LANES]
+    }
+
+    #[inline(always)]
+    fn bytes(self, values: [u8; LANES]) -> Self::V {
+        values.map(f32::from)
     }
 
     #[inline(always)]
@@ -290,6 +297,15 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn bytes(self, values: [u8; LANES]) -> f32x8 {
+            let values = cast([u64::from_le_bytes(values), 0]);
+            cast(
+                self.avx
+                    ._mm256_cvtepi32_ps(self.avx2._mm256_cvtepu8_epi32(values)),
+            )
+        }
+
+        #[inline(always)]
         fn add(self, a: f32x8, b: f32x8) -> f32x8 {
             self.add_f32x8(a, b)
         }
@@ -411,6 +427,7 @@ mod tests {
                 l.floor(a),
                 l.ceil(a),
                 l.pick(0b1010_0110, a, b),
+                l.bytes([0, 1, 77, 127, 128, 200, 254, 255]),
             ];
             let (low, high) = (l.below(a, b), l.below(b, a));
             let masks = [l.and(low, high), l.or(low, high), l.or(low, low)];

@@ -106,6 +106,16 @@ impl<'p> Look<'p> {
         self.bent[spot.index()]
     }
 
+    /// The visible triangles of samples side by side from `first` on, [`NONE`] where there is none.
+    pub(crate) fn triangles(&self, first: Spot, width: usize) -> &[u32] {
+        &self.tile.row(first.row, first.column + width)[first.column..]
+    }
+
+    /// Whether the directions of a row's samples differ from another row's in y alone.
+    pub(crate) fn is_straight(&self) -> bool {
+        self.bent.is_empty()
+    }
+
     /// Whether no sample sees anything and each of them has a ray.
     pub(crate) fn is_blank(&self, (width, height): (usize, usize)) -> bool {
         self.tile.is_blank() && spots(width, height).all(|spot| self.has_ray(spot))

@@ -24,6 +24,7 @@ mod planes;
 mod raster;
 mod rays;
 mod scan;
+mod shade;
 mod sight;
 mod surface;
 mod texture;

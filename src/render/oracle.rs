@@ -122,11 +122,12 @@ impl<'m> Oracle<'m> {
         let normal = frame.interpolated_normal(of, weights, direction);
         pixel.interpolated = normal.as_vec3().into();
         let count = side as usize;
-        let mut samples = Samples::new(f64::from(pixel.depth));
+        let mut samples = Samples::default();
         for index in 0..count * count {
             let (right, down) = (index % count, index / count);
             let (direction, seen) = look(side, column * count + right, row * count + down);
-            samples.add(seen.map(|seen| frame.patch(seen.triangle).glimpse(direction)));
+            let seen = seen.map(|seen| frame.patch(seen.triangle).glimpse(direction));
+            samples.add(seen, f64::from(pixel.depth));
         }
         let painted = samples.finish(|| frame.patch(center.triangle).glimpse(direction).color);
         (pixel, Some(painted))

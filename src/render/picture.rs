@@ -1,15 +1,19 @@
 //! A view tile by tile: what is visible, then its exact depth, normal and colour.
 
 use super::eye::Eye;
+use super::lanes::LANES;
 use super::lens::Place;
 use super::look::{Look, Scenery, spots};
+use super::shade::{Row, runs};
 use super::sight::{Samples, Sight};
 use super::surface::{Facet, Frame, Patch};
+use super::texture::Parts;
 use super::tile::{SIZE, Spot};
 use super::{Pixel, RenderOptions, Rendering};
 use crate::error::Result;
 use crate::parallel;
 use mvs_datasets::scene::{DepthMap, Raster};
+use std::ops::Range;
 
 /// Renders a view with `side` × `side` colour samples per pixel.
 pub(crate) fn render(
@@ -93,6 +97,11 @@ impl Maps {
         self.sight[index] = pixel.sight;
     }
 
+    /// Whether some of these pixels show surface.
+    fn is_surface(&self, pixels: Range<usize>) -> bool {
+        self.sight[pixels].contains(&Sight::Surface)
+    }
+
     /// Sets the colour, and whether the samples agree.
     pub(crate) fn paint(&mut self, index: usize, (color, sight): ([u8; 3], Sight)) {
         self.color[index] = color;
@@ -174,90 +183,110 @@ impl<'p> Painter<'p> {
         let centers = Centers { look, column, row };
         let side = self.samples.side() as usize;
         let step = SIZE / side; // Whole pixels whose samples fit into one tile.
+        let (mut patches, mut samples) = (Kept::new(), Row::new());
         for top in (0..height).step_by(step) {
             for left in (0..width).step_by(step) {
-                let size = (step.min(width - left), step.min(height - top));
-                let corner = Spot {
+                let part = Part {
                     column: left,
                     row: top,
+                    width: step.min(width - left),
+                    height: step.min(height - top),
                 };
-                self.color(&centers, (corner, size), &mut maps);
+                self.color(&centers, &part, (&mut patches, &mut samples), &mut maps);
             }
         }
         Some(maps)
     }
 
-    /// Gives the pixels of a part of a tile, `width` × `height` pixels from `corner` on, their
-    /// colours.
+    /// Gives the pixels of a part of a tile their colours.
     fn color(
         &self,
         centers: &Centers<'p>,
-        (corner, (width, height)): (Spot, (usize, usize)),
+        part: &Part,
+        (patches, samples): (&mut Kept<Patch<'p>>, &mut Row),
         maps: &mut Maps,
     ) {
-        let place_of = |spot: Spot| Spot {
-            column: corner.column + spot.column,
-            row: corner.row + spot.row,
-        };
-        let stride = maps.width;
-        let index_of = |spot: Spot| place_of(spot).row * stride + place_of(spot).column;
-        let is_surface = |maps: &Maps, spot: Spot| maps.sight[index_of(spot)] == Sight::Surface;
-        if !spots(width, height).any(|spot| is_surface(maps, spot)) {
+        if !part.rows(maps.width).any(|pixels| maps.is_surface(pixels)) {
             return;
         }
         let side = self.samples.side() as usize;
-        let first = Place {
+        let place = Place {
             eye: &self.samples,
-            column: (centers.column + corner.column) * side,
-            row: (centers.row + corner.row) * side,
+            column: (centers.column + part.column) * side,
+            row: (centers.row + part.row) * side,
         };
-        let fine =
-            (side > 1).then(|| Look::new(self.scenery, first, (width * side, height * side)));
-        let mut patches = Kept::new();
-        for spot in spots(width, height) {
-            if !is_surface(maps, spot) {
+        let size = (part.width * side, part.height * side);
+        let fine = (side > 1).then(|| Look::new(self.scenery, place, size));
+        // A pixel's only sample is its centre.
+        let (look, first) = match &fine {
+            Some(look) => (look, Spot { column: 0, row: 0 }),
+            None => (&centers.look, part.corner()),
+        };
+        let mut again = false;
+        for (row, pixels) in part.rows(maps.width).enumerate() {
+            if !maps.is_surface(pixels.clone()) {
                 continue;
             }
-            let index = index_of(spot);
-            let at = place_of(spot);
-            let center = (&centers.look, at);
-            let samples = Samples::new(f64::from(maps.depth[index]));
-            let painted = match &fine {
-                None => self.mean((&centers.look, at), (samples, center), &mut patches),
-                Some(fine) => {
-                    let corner = Spot {
-                        column: spot.column * side,
-                        row: spot.row * side,
-                    };
-                    self.mean((fine, corner), (samples, center), &mut patches)
+            let mut sums = [Samples::default(); SIZE];
+            samples.expect(&maps.depth[pixels.clone()], side);
+            for down in 0..side {
+                let first = Spot {
+                    row: first.row + row * side + down,
+                    ..first
+                };
+                samples.aim(look, (first, size.0), again);
+                again = true;
+                for (triangle, range) in runs(look.triangles(first, size.0)) {
+                    let make = |triangle: u32| self.samples.frame.patch(triangle as usize);
+                    let patch = triangle.map(|id| patches.get(id, || make(id)));
+                    samples.add(patch, range, (&mut sums, side));
                 }
-            };
-            maps.paint(index, painted);
+            }
+            for (column, (index, sums)) in pixels.zip(sums).enumerate() {
+                if maps.sight[index] != Sight::Surface {
+                    continue;
+                }
+                let at = Spot {
+                    column: part.column + column,
+                    row: part.row + row,
+                };
+                maps.paint(index, sums.finish(|| self.at_center(&centers.look, at)));
+            }
         }
     }
 
-    /// The colour of a pixel whose first sample is at `corner`.
-    fn mean(
-        &self,
-        (look, corner): (&Look<'p>, Spot),
-        (mut samples, center): (Samples, (&Look<'p>, Spot)),
-        patches: &mut Kept<Patch<'p>>,
-    ) -> ([u8; 3], Sight) {
-        let frame = &self.samples.frame;
-        let mut glimpse = |look: &Look<'p>, spot: Spot| {
-            let triangle = look.triangle(spot)?;
-            let patch = patches.get(triangle, || frame.patch(triangle as usize));
-            Some(patch.glimpse(look.direction(spot)))
-        };
-        let side = self.samples.side() as usize;
-        for inside in spots(side, side) {
-            let spot = Spot {
-                column: corner.column + inside.column,
-                row: corner.row + inside.row,
-            };
-            samples.add(glimpse(look, spot));
+    /// The colour at a pixel's centre.
+    fn at_center(&self, look: &Look<'_>, at: Spot) -> Parts {
+        look.triangle(at).map_or([0.0; LANES], |triangle| {
+            let patch = self.samples.frame.patch(triangle as usize);
+            patch.glimpse(look.direction(at)).color
+        })
+    }
+}
+
+/// A part of a tile, in pixels.
+struct Part {
+    column: usize,
+    row: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Part {
+    fn corner(&self) -> Spot {
+        Spot {
+            column: self.column,
+            row: self.row,
         }
-        samples.finish(|| glimpse(center.0, center.1).map_or_else(Default::default, |g| g.color))
+    }
+
+    /// Where each of its rows stands among the pixels of the tile, which is `stride` wide.
+    fn rows(&self, stride: usize) -> impl Iterator<Item = Range<usize>> + use<> {
+        let (column, width) = (self.column, self.width);
+        (self.row..self.row + self.height).map(move |row| {
+            let start = row * stride + column;
+            start..start + width
+        })
     }
 }
 

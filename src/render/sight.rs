@@ -1,7 +1,7 @@
 //! What a pixel shows, beyond a depth and a colour.
 
 use super::surface::Glimpse;
-use glam::Vec3;
+use super::texture::{self, Parts};
 use serde::{Deserialize, Serialize};
 
 /// What is behind a pixel. Pixels without surface have depth 0.
@@ -47,44 +47,47 @@ pub enum BackFaces {
     Valid,
 }
 
-/// The samples of one pixel whose centre sees surface at `depth`.
+/// The samples of one pixel.
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Samples {
-    depth: f64,
-    sum: Vec3,
-    count: f32,
-    mixed: bool,
+    /// Of the colours of those that see surface.
+    pub(crate) sum: Parts,
+    /// How many see surface.
+    pub(crate) count: u32,
+    /// Whether one of them sees none, or another than the pixel's centre does.
+    pub(crate) mixed: bool,
+}
+
+/// Whether a sample and its pixel's centre see one surface, by their depths.
+#[inline(always)]
+pub(crate) fn alike(depth: f64, center: f64) -> bool {
+    let near = if depth < center { depth } else { center };
+    (depth - center).abs() <= MIXED_JUMP * near // NaN is not alike.
 }
 
 impl Samples {
-    pub(crate) fn new(depth: f64) -> Self {
-        Self {
-            depth,
-            sum: Vec3::ZERO,
-            count: 0.0,
-            mixed: false,
-        }
-    }
-
-    /// Adds what a sample sees.
-    pub(crate) fn add(&mut self, seen: Option<Glimpse>) {
+    /// Adds what a sample sees; the pixel's centre sees surface at `depth`.
+    pub(crate) fn add(&mut self, seen: Option<Glimpse>, depth: f64) {
         let Some(seen) = seen.filter(|seen| !seen.back) else {
             self.mixed = true;
             return;
         };
-        let near = seen.depth.min(self.depth);
-        let same = (seen.depth - self.depth).abs() <= MIXED_JUMP * near;
-        self.mixed |= !same; // NaN is not the same
-        self.sum += seen.color;
-        self.count += 1.0;
+        self.mixed |= !alike(seen.depth, depth);
+        for (sum, part) in self.sum.iter_mut().zip(seen.color) {
+            *sum += part;
+        }
+        self.count += 1;
     }
 
     /// The mean colour of the samples that see surface, `at_center`'s if none does; and whether the
     /// samples agree.
-    pub(crate) fn finish(self, at_center: impl FnOnce() -> Vec3) -> ([u8; 3], Sight) {
-        let mean = if self.count > 0.0 {
-            self.sum / self.count
+    pub(crate) fn finish(self, at_center: impl FnOnce() -> Parts) -> ([u8; 3], Sight) {
+        let mean = if self.count > 0 {
+            #[allow(clippy::cast_precision_loss, reason = "at most 64")]
+            let count = self.count as f32;
+            texture::whole(self.sum) / count
         } else {
-            at_center()
+            texture::whole(at_center())
         };
         #[allow(
             clippy::cast_possible_truncation,

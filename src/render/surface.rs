@@ -1,11 +1,12 @@
 //! What a mesh looks like: positions seen from a view, colours at a point of a triangle.
 
+use super::lanes::{Lanes, Plain};
 use super::light;
 use super::sight::BackFaces;
-use super::texture::{self, Border};
+use super::texture::{self, Border, Parts, Texels};
 use super::triangle::{Crossing, Ray};
 use glam::{DMat3, DVec3, Vec3};
-use mvs_datasets::scene::{Camera, ColorImage, Corner, Mesh, View};
+use mvs_datasets::scene::{Camera, Corner, Mesh, View};
 
 /// A view of a mesh whose vertices are counted from the mesh's centre, so that large world
 /// offsets cost no precision.
@@ -164,15 +165,28 @@ impl<'m> Frame<'m> {
     /// The surface of a triangle, for its colours.
     pub(crate) fn patch(&self, triangle: usize) -> Patch<'m> {
         let [a, b, c] = self.corners(triangle);
-        let (first, second, third) = (c.cross(b), a.cross(c), b.cross(a));
+        let (along, across) = (b - a, c - a);
+        let normal = along.cross(across);
+        let volume = normal.dot(a);
+        let paint = Paint::of(self.mesh, triangle);
+        // Weights of the second and third corner, times the normal's share of the direction.
+        let (second, third) = (across.cross(a), a.cross(along));
+        let [x, y] = match &paint {
+            Paint::Texture(texels, corners) => {
+                let [a, b, c] = corners.map(|corner| texels.place(corner));
+                let mixed =
+                    |k: usize| a[k] * normal + (b[k] - a[k]) * second + (c[k] - a[k]) * third;
+                [mixed(0), mixed(1)]
+            }
+            Paint::Tinted(..) | Paint::Linear(_) => [second, third],
+        };
         Patch {
-            second,
-            third,
-            total: first + second + third,
-            volume: a.dot(first),
-            normal: (b - a).cross(c - a),
-            one_sided: self.is_one_sided(triangle),
-            look: Look::of(self.mesh, triangle),
+            x,
+            y,
+            normal,
+            volume,
+            back: self.is_one_sided(triangle) && volume > 0.0,
+            paint,
         }
     }
 }
@@ -218,17 +232,20 @@ impl Facet {
     }
 }
 
-/// A triangle's surface as seen from a view. Barycentric weights and depth are ratios of linear
-/// functions of the direction.
+/// A triangle's surface as seen from a view: ratios of linear functions of the direction.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Patch<'m> {
-    second: DVec3,
-    third: DVec3,
-    total: DVec3,
-    volume: f64,
-    normal: DVec3,
-    one_sided: bool,
-    look: Look<'m>,
+    /// What is divided by the normal's share of the direction: the place on the texture in texels,
+    /// or, for another [`Paint`], the weights of the second and third corner.
+    pub(crate) x: DVec3,
+    pub(crate) y: DVec3,
+    /// As long as twice the triangle's area.
+    pub(crate) normal: DVec3,
+    /// As `x`, for the z-depth.
+    pub(crate) volume: f64,
+    /// Whether the back of a one-sided triangle is seen.
+    pub(crate) back: bool,
+    pub(crate) paint: Paint<'m>,
 }
 
 /// What is seen along a direction that meets a triangle.
@@ -236,37 +253,45 @@ pub(crate) struct Patch<'m> {
 pub(crate) struct Glimpse {
     /// In 8-bit sRGB units: from the material's texture, else from vertex colours, else the
     /// material's own.
-    pub(crate) color: Vec3,
+    pub(crate) color: Parts,
     /// About the z-depth.
     pub(crate) depth: f64,
     /// Whether this is the back of a one-sided triangle.
     pub(crate) back: bool,
 }
 
+/// A direction's share of an axis, in the order that `super::shade` adds in.
+#[inline(always)]
+pub(crate) fn share(axis: DVec3, (x, y): (f64, f64)) -> f64 {
+    axis.x * x + (axis.y * y + axis.z)
+}
+
 impl Patch<'_> {
-    /// What a direction sees that meets the triangle.
+    /// What a direction with z = 1 sees that meets the triangle.
     pub(crate) fn glimpse(&self, direction: DVec3) -> Glimpse {
-        let scale = 1.0 / self.total.dot(direction);
-        #[allow(clippy::cast_possible_truncation, reason = "colours need no f64")]
-        let weights = [self.second, self.third].map(|side| (side.dot(direction) * scale) as f32);
+        let direction = (direction.x, direction.y);
+        let scale = 1.0 / share(self.normal, direction);
+        let [x, y] = [self.x, self.y].map(|axis| share(axis, direction) * scale);
         Glimpse {
-            color: self.look.color(weights),
+            color: self.paint.color(Plain, [x, y]),
             depth: self.volume * scale,
-            back: self.one_sided && self.normal.dot(direction) > 0.0,
+            back: self.back,
         }
     }
 }
 
 /// Where a triangle's colours come from.
 #[derive(Debug, Clone, Copy)]
-enum Look<'m> {
-    Texture(&'m ColorImage, Corner, Border),
-    Tinted(&'m ColorImage, (Corner, Border), [Vec3; 3]),
-    Vertices([Vec3; 3]),
-    Plain(Vec3),
+pub(crate) enum Paint<'m> {
+    /// A texture, and the corners' places on it.
+    Texture(Texels<'m>, Corner),
+    /// A texture times the corners' colours in linear light.
+    Tinted(Texels<'m>, (Corner, [Vec3; 3])),
+    /// The first corner's colour, and the others' less that.
+    Linear([Parts; 3]),
 }
 
-impl<'m> Look<'m> {
+impl<'m> Paint<'m> {
     fn of(mesh: &'m Mesh, triangle: usize) -> Self {
         let material = mesh.material_of(triangle);
         let colors = mesh.vertex_colors().map(|colors| {
@@ -275,36 +300,48 @@ impl<'m> Look<'m> {
         });
         if let (Some(texture), Some(coords)) = (&material.texture, mesh.texture_coords()) {
             let corners = coords[triangle];
-            let border = Border::of(&corners);
+            let texels = Texels::new(texture, Border::of(&corners));
             return match colors.filter(|_| material.tinted) {
-                Some(colors) => {
-                    Self::Tinted(texture, (corners, border), colors.map(light::to_linear))
-                }
-                None => Self::Texture(texture, corners, border),
+                Some(colors) => Self::Tinted(texels, (corners, colors.map(light::to_linear))),
+                None => Self::Texture(texels, corners),
             };
         }
-        if let Some(colors) = colors {
-            return Self::Vertices(colors);
-        }
-        Self::Plain(Vec3::from(material.color.map(f32::from)))
+        let plain = Vec3::from(material.color.map(f32::from));
+        let [a, b, c] = colors.unwrap_or([plain; 3]);
+        Self::Linear([a, b - a, c - a].map(parts))
     }
 
-    fn color(&self, [v, w]: [f32; 2]) -> Vec3 {
+    /// The colour at a place on the texture in texels, or at weights of the second and third corner.
+    #[inline(always)]
+    pub(crate) fn color<L: Lanes>(&self, l: L, [x, y]: [f64; 2]) -> L::V {
+        #[allow(clippy::cast_possible_truncation, reason = "colours need no f64")]
+        let weights = [x as f32, y as f32];
         match self {
-            Self::Texture(texture, corners, border) => {
-                texture::bilinear(texture, between(*corners, [v, w]), *border)
+            Self::Texture(texels, _) => texels.color_at(l, [x, y]),
+            Self::Tinted(texels, corners) => l.load(&tinted(texels, corners, weights)),
+            Self::Linear([first, second, third]) => {
+                let [v, w] = weights.map(|weight| l.splat(weight));
+                let sum = l.add(l.load(first), l.mul(l.load(second), v));
+                let sum = l.add(sum, l.mul(l.load(third), w));
+                l.min(l.max(sum, l.splat(0.0)), l.splat(255.0))
             }
-            Self::Tinted(texture, (corners, border), tints) => {
-                let color = texture::bilinear(texture, between(*corners, [v, w]), *border);
-                let tint = between(*tints, [v, w]).clamp(Vec3::ZERO, Vec3::ONE);
-                light::to_srgb(light::to_linear(color) * tint)
-            }
-            Self::Vertices(corners) => {
-                between(*corners, [v, w]).clamp(Vec3::ZERO, Vec3::splat(255.0))
-            }
-            Self::Plain(color) => *color,
         }
     }
+}
+
+#[inline(never)]
+fn tinted(texels: &Texels<'_>, (corners, tints): &(Corner, [Vec3; 3]), weights: [f32; 2]) -> Parts {
+    let color = texels.color_at(Plain, texels.place(between(*corners, weights)));
+    let tint = between(*tints, weights).clamp(Vec3::ZERO, Vec3::ONE);
+    parts(light::to_srgb(
+        light::to_linear(texture::whole(color)) * tint,
+    ))
+}
+
+/// A colour as the first of its parts.
+fn parts(color: Vec3) -> Parts {
+    let [r, g, b] = color.to_array();
+    [r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0]
 }
 
 /// The value at barycentric weights of the second and third corner.

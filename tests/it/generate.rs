@@ -46,6 +46,7 @@ impl Lit {
             views: self.scene.scene().views(),
             photographs: self,
             notes: &[],
+            sources: None,
         };
         let folder = BlendedFolder::new(folder);
         generate(&source, &folder, options, &Silent, &warnings).unwrap();
@@ -244,6 +245,7 @@ fn a_view_that_sees_nothing_is_left_out_and_named() {
         views: &views,
         photographs: &lit,
         notes: &[],
+        sources: None,
     };
     let warnings = Warnings::default();
     let options = draft();
@@ -282,6 +284,7 @@ fn a_size_is_reached_by_scaling_and_cutting_and_depth_is_rendered_there() {
         views: lit.scene.scene().views(),
         photographs: &photographs,
         notes: &[],
+        sources: None,
     };
     let read = BlendedFolder::new(folder.path());
     generate(&source, &read, &options, &Silent, &Warnings::default()).unwrap();

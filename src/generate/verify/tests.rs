@@ -61,6 +61,7 @@ fn sound() -> &'static Path {
             views: scene.scene().views(),
             photographs: &Lit(&scene),
             notes: &[],
+            sources: None,
         };
         let target = BlendedFolder::new(folder.path());
         generate(&source, &target, &draft, &Silent, &Warnings::default()).unwrap();

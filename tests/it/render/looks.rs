@@ -140,3 +140,139 @@ fn the_background_and_the_number_of_samples_are_as_asked() {
     }
     assert!(Renderer::new(&Mesh::new(vec![DVec3::ZERO], vec![]).unwrap()).is_err());
 }
+
+/// A bilinear texture in f64, straight from its definition; `repeats` beyond its border or goes on.
+fn looked_up(texture: &ColorImage, at: [f64; 2], repeats: bool) -> [f64; 3] {
+    let size = [texture.width(), texture.height()].map(i64::from);
+    let place = [
+        at[0] * size[0] as f64 - 0.5,
+        (1.0 - at[1]) * size[1] as f64 - 0.5,
+    ];
+    let mut sum = [0.0; 3];
+    for (right, down) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+        let texel = [
+            place[0].floor() as i64 + right,
+            place[1].floor() as i64 + down,
+        ];
+        let mut weight = 1.0;
+        let mut inside = [0; 2];
+        for axis in 0..2 {
+            weight *= 1.0 - (place[axis] - texel[axis] as f64).abs();
+            inside[axis] = match repeats {
+                true => texel[axis].rem_euclid(size[axis]),
+                false => texel[axis].clamp(0, size[axis] - 1),
+            } as u32;
+        }
+        let color = texture.get(inside[0], inside[1]);
+        for channel in 0..3 {
+            sum[channel] += weight * f64::from(color[channel]);
+        }
+    }
+    sum
+}
+
+/// The mean over a pixel's samples that meet the surface, ray by ray in f64.
+fn mean_color(
+    renderer: &Renderer,
+    (mesh, view): (&Mesh, &View),
+    (column, row): (u32, u32),
+    side: u32,
+) -> [f64; 3] {
+    let (mut sum, mut count) = ([0.0; 3], 0.0);
+    let material = &mesh.materials()[0];
+    for index in 0..side * side {
+        let inside = [index % side, index / side].map(|k| (f64::from(k) + 0.5) / f64::from(side));
+        let pixel = DVec2::new(f64::from(column), f64::from(row)) + DVec2::from(inside);
+        let direction = view.pose.direction_to_world(view.camera.ray(pixel));
+        let center = view.pose.center_in_world();
+        let Some(hit) = renderer.first_hit(center, direction, (0.0, f64::INFINITY)) else {
+            continue;
+        };
+        let [v, w] = hit.weights;
+        let between = |[a, b, c]: [f64; 3]| a * (1.0 - v - w) + b * v + c * w;
+        let color =
+            if let (Some(texture), Some(coords)) = (&material.texture, mesh.texture_coords()) {
+                let corners = coords[hit.triangle];
+                let repeats = corners
+                    .iter()
+                    .any(|c| c.min_element() < 0.0 || c.max_element() > 1.0);
+                let at = [0, 1].map(|axis| between(corners.map(|corner| f64::from(corner[axis]))));
+                looked_up(texture, at, repeats)
+            } else {
+                let colors = mesh.vertex_colors().unwrap();
+                let corners = mesh.triangles()[hit.triangle].map(|vertex| colors[vertex as usize]);
+                [0, 1, 2].map(|k| between(corners.map(|color| f64::from(color[k]))))
+            };
+        for channel in 0..3 {
+            sum[channel] += color[channel];
+        }
+        count += 1.0;
+    }
+    sum.map(|value| value / count)
+}
+
+/// Every byte is the nearest to the mean in f64, but for what f32 rounds before.
+#[test]
+fn colours_are_the_means_of_what_rays_see() {
+    let mut noise = Noise(91);
+    let mut pixels = 0;
+    for (index, size) in [(64, 64), (37, 53), (1, 9), (5, 1)].into_iter().enumerate() {
+        let texels =
+            (0..size.0 * size.1).map(|_| [0; 3].map(|_| (noise.next() * 127.9 + 128.0) as u8));
+        let texture = ColorImage::from_values(size.0, size.1, texels.collect()).unwrap();
+        for (stretch, textured) in [(1.0, true), (2.7, true), (1.0, false)] {
+            let mesh = terrain(12);
+            let coords = mesh.triangles().iter().map(|triangle| {
+                triangle.map(|vertex| {
+                    let at = mesh.vertices()[vertex as usize];
+                    let unit = (glam::Vec2::new(at.x as f32, at.y as f32) * 0.5 + 0.5)
+                        .clamp(glam::Vec2::ZERO, glam::Vec2::ONE);
+                    (unit - 0.5) * stretch + 0.5
+                })
+            });
+            let coords: Vec<_> = coords.collect();
+            let colors = mesh.vertices().iter();
+            let colors = colors
+                .map(|_| [0; 3].map(|_| (noise.next() * 127.9 + 128.0) as u8))
+                .collect();
+            let material = Material {
+                texture: textured.then(|| Arc::new(texture.clone())),
+                ..Material::default()
+            };
+            let mesh = match textured {
+                true => mesh.with_texture_coords(coords).unwrap(),
+                false => mesh.with_vertex_colors(colors).unwrap(),
+            };
+            let mesh = mesh.with_materials(vec![material], None).unwrap();
+            let renderer = Renderer::new(&mesh).unwrap();
+            let eye = DVec3::new(0.6, -0.9, 1.4) + noise.vector() * 0.2;
+            let pose = Pose::looking_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
+            let view = view(pose, 60, 44);
+            let side = [1, 2, 3, 4][index];
+            let options = RenderOptions {
+                samples: side * side,
+                back_faces: BackFaces::Valid,
+                ..RenderOptions::default()
+            };
+            let rendering = renderer.render(&view, &options).unwrap();
+            for row in 0..view.camera.height() {
+                for column in 0..view.camera.width() {
+                    if rendering.depth.get(column, row) == 0.0 {
+                        continue;
+                    }
+                    let mean = mean_color(&renderer, (&mesh, &view), (column, row), side);
+                    let found = rendering.color.get(column, row);
+                    for channel in 0..3 {
+                        let off = (f64::from(found[channel]) - mean[channel]).abs();
+                        assert!(
+                            off < 0.5 + 1e-3,
+                            "{size:?} {column} {row}: {found:?} {mean:?}"
+                        );
+                    }
+                    pixels += 1;
+                }
+            }
+        }
+    }
+    assert!(pixels > 8000, "{pixels}");
+}
