@@ -387,7 +387,7 @@ fn photographs_through_a_lens_are_undistorted() {
     };
     assert!(undone < 2.0, "{undone} grey levels");
     assert!(
-        left > 3.0 * undone && doubled > left,
+        left > 2.0 * undone && doubled > 3.0 * undone,
         "{undone} {left} {doubled}"
     );
 }
