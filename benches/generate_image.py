@@ -1,6 +1,7 @@
 """A finished data-set image of 2048 x 1536: `mvs-eval generate` beside a straightforward script.
 
 usage: python benches/generate_image.py [--triangles 200000 1000000] [--views 4] [--csv FILE]
+       python benches/generate_image.py --throughput [--triangles 200000 1000000 5000000] [--csv FILE]
 
 Needs open3d, numpy and pillow, and `cargo build --release` first. Both read the same textured OBJ, the
 same cameras and photographs and write per view: blended JPEG (quality 95, 4:2:0), masked JPEG, PFM
@@ -8,6 +9,8 @@ depth and cam. The script is what one writes in an afternoon: Open3D's Raycastin
 pixel, bilinear texture in numpy, the paper's blend by numpy.fft in f64, pillow. It chooses no source
 views. Ours runs as a whole (hashes, source views, lists, scene.json included) at 1, 4 and 16 colour
 samples a pixel. CPU seconds of the child process; seconds per image are of the whole job.
+With --throughput ours alone runs, at the default 16 samples and with one and two threads. --work keeps
+the made-up scenes in a folder for the next run.
 """
 
 import argparse
@@ -143,27 +146,48 @@ def ours(folder, out, samples, threads):
             out, "--name", "terrain", "--samples", str(samples), "--threads", str(threads)]
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--triangles", type=int, nargs="+", default=[200_000, 1_000_000])
-    parser.add_argument("--views", type=int, default=4)
-    parser.add_argument("--threads", type=int, nargs="+", default=[1])
-    parser.add_argument("--repeats", type=int, default=1)
-    parser.add_argument("--csv")
-    parser.add_argument("--straightforward", nargs=2)
-    args = parser.parse_args()
-    if args.straightforward:
-        return straightforward(*args.straightforward)
+def scene(work, triangles, views):
+    """The folder of a made-up scene, made if it is not there."""
+    folder = os.path.join(work, f"terrain-{triangles}-{views}")
+    if os.path.exists(os.path.join(folder, "transforms.json")):
+        return folder
+    os.makedirs(folder, exist_ok=True)
+    # In a child: its memory and time are not the measured ones'.
+    pid = os.fork()
+    if pid == 0:
+        terrain(folder, triangles, views)
+        os._exit(0)
+    assert os.waitpid(pid, 0)[1] == 0
+    return folder
+
+
+def medians(command, threads, repeats):
+    """CPU and wall seconds of a command that writes into a folder."""
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+    seconds = []
+    for _ in range(repeats):
+        out = tempfile.mkdtemp()
+        seconds.append(measured(command(out)))
+        shutil.rmtree(out)
+    return sorted(seconds)[len(seconds) // 2]
+
+
+def throughput(args):
+    table = [("triangles", "threads", "images_per_s", "cpu_s_per_image")]
+    for triangles in args.triangles:
+        folder = scene(args.work, triangles, args.views)
+        for threads in args.threads:
+            cpu, wall = medians(lambda out: ours(folder, out, 16, threads), threads, args.repeats)
+            table.append((triangles, threads, f"{args.views / wall:.3f}", f"{cpu / args.views:.3f}"))
+            print("{:>9} triangles {:>2} threads {:>8} images/s {:>8} CPU s/image".format(*table[-1]), flush=True)
+    return table
+
+
+def comparison(args):
     table = [("triangles", "method", "threads", "cpu_s_per_image", "wall_s_per_image",
               "times_script_cpu")]
     for triangles in args.triangles:
-        folder = tempfile.mkdtemp()
-        # In a child: its memory and time are not the measured ones'.
-        pid = os.fork()
-        if pid == 0:
-            terrain(folder, triangles, args.views)
-            os._exit(0)
-        assert os.waitpid(pid, 0)[1] == 0
+        folder = scene(args.work, triangles, args.views)
         runs = [("script", 1, lambda out: [sys.executable, os.path.abspath(__file__),
                                            "--straightforward", folder, out])]
         for samples in (1, 4, 16):
@@ -172,19 +196,33 @@ def main():
                              lambda out, s=samples, n=threads: ours(folder, out, s, n)))
         script = None
         for name, threads, command in runs:
-            os.environ["OMP_NUM_THREADS"] = str(threads)
-            seconds = []
-            for _ in range(args.repeats):
-                out = tempfile.mkdtemp()
-                seconds.append(measured(command(out)))
-                shutil.rmtree(out)
-            cpu, wall = sorted(seconds)[len(seconds) // 2]
+            cpu, wall = medians(command, threads, args.repeats)
             script = script or cpu
             row = (triangles, name, threads, f"{cpu / args.views:.3f}", f"{wall / args.views:.3f}",
                    f"{script / cpu:.2f}")
             table.append(row)
             print("{:>9} {:22} {:>2} threads {:>8} CPU s/image {:>8} s/image {:>7} x".format(*row), flush=True)
-        shutil.rmtree(folder)
+    return table
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--throughput", action="store_true")
+    parser.add_argument("--triangles", type=int, nargs="+")
+    parser.add_argument("--views", type=int, default=4)
+    parser.add_argument("--threads", type=int, nargs="+")
+    parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--work")
+    parser.add_argument("--csv")
+    parser.add_argument("--straightforward", nargs=2)
+    args = parser.parse_args()
+    if args.straightforward:
+        return straightforward(*args.straightforward)
+    args.triangles = args.triangles or [200_000, 1_000_000] + [5_000_000] * args.throughput
+    args.threads = args.threads or ([1, 2] if args.throughput else [1])
+    with tempfile.TemporaryDirectory() as work:
+        args.work = args.work or work
+        table = throughput(args) if args.throughput else comparison(args)
     if args.csv:
         with open(args.csv, "w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows(table)

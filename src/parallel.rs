@@ -22,6 +22,15 @@ pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T
     (0..count).into_par_iter().map(f).collect()
 }
 
+/// As [`map`], with room for `f` to work in, which is made anew for a few indices at a time.
+pub fn map_with<T: Send, R>(
+    count: usize,
+    room: impl Fn() -> R + Sync + Send,
+    f: impl Fn(&mut R, usize) -> T + Sync + Send,
+) -> Vec<T> {
+    (0..count).into_par_iter().map_init(room, f).collect()
+}
+
 /// As [`map`]; the error of the smallest index among those that failed.
 pub fn try_map<T: Send>(
     count: usize,

@@ -264,6 +264,7 @@ impl SetWork<'_> {
         if options.extras.contains(&Extra::Colmap) {
             exports::write_colmap(&folder.colmap(), &scene)?;
         }
+        view::remove_unasked(folder, &options.extras)?;
         view::remove_leftovers(folder, &records)?;
         let digests: Vec<&str> = records.iter().map(|record| record.plan.as_str()).collect();
         let scene_file = SceneFile {

@@ -289,8 +289,38 @@ pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -
             let path = inside.join(&file);
             let ours = file.starts_with(files::TEMPORARY) || starts_with_id(&file);
             if ours && path.is_file() && !kept.contains(&path) {
-                std::fs::remove_file(&path).map_err(mvs_datasets::Error::io(&path, "remove"))?;
+                remove(&path)?;
             }
+        }
+        if !name.is_empty() {
+            // Only if nothing is left in it.
+            let _ = std::fs::remove_dir(&inside);
+        }
+    }
+    Ok(())
+}
+
+fn remove(path: &Path) -> Result<()> {
+    Ok(std::fs::remove_file(path).map_err(mvs_datasets::Error::io(path, "remove"))?)
+}
+
+/// Removes what earlier runs wrote for the scene as a whole and `extras` no longer name.
+pub(super) fn remove_unasked(folder: &BlendedFolder, extras: &BTreeSet<Extra>) -> Result<()> {
+    let model = ["cameras.txt", "images.txt", "points3D.txt"];
+    let files = [
+        (Extra::Covisibility, vec![folder.covisibility()]),
+        (Extra::Transforms, vec![folder.transforms()]),
+        (
+            Extra::Colmap,
+            model.map(|name| folder.colmap().join(name)).to_vec(),
+        ),
+    ];
+    let unasked = files
+        .into_iter()
+        .filter(|(extra, _)| !extras.contains(extra));
+    for path in unasked.flat_map(|(_, paths)| paths) {
+        if path.is_file() {
+            remove(&path)?;
         }
     }
     Ok(())

@@ -85,6 +85,11 @@ impl<'p> Look<'p> {
         }
     }
 
+    /// What is visible at all samples.
+    pub(crate) fn tile(&self) -> &Tile {
+        &self.tile
+    }
+
     /// The visible triangle at a sample.
     pub(crate) fn triangle(&self, spot: Spot) -> Option<u32> {
         self.tile.triangle(spot)

@@ -45,7 +45,7 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
             let columns = SIZE.min(width - column);
             let tile = scan(clusters, &place, (columns, rows));
             for maps in &mut *maps {
-                resolver.resolve((&place, &tile), (columns, rows), (maps, width));
+                resolver.resolve((&place, &tile), (columns, rows), (maps, width, column));
             }
         }
     });
@@ -99,7 +99,7 @@ impl<'s> Maps<'s> {
 const SLOTS: usize = 512;
 
 /// What is worked out about a tile.
-struct Resolver {
+pub(crate) struct Resolver {
     planes: Vec<Plane>,
     /// Triangles met of late, by their number, with their place in `planes`.
     met: [(u32, u32); SLOTS + 1],
@@ -114,7 +114,7 @@ struct Resolver {
 }
 
 impl Resolver {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             planes: Vec::with_capacity(SIZE * SIZE + 1),
             met: [(NONE, 0); SLOTS + 1],
@@ -126,12 +126,25 @@ impl Resolver {
         }
     }
 
-    /// Writes the pixels of a tile.
+    /// Writes the pixels of one tile.
+    pub(crate) fn resolve_tile(
+        &mut self,
+        (place, tile): (&Place<'_>, &Tile),
+        (columns, rows): (usize, usize),
+        seen: &mut Seen,
+    ) {
+        seen.resize(columns * rows);
+        let maps = (&mut Maps::of(seen), columns, 0);
+        self.resolve((place, tile), (columns, rows), maps);
+    }
+
+    /// Writes the pixels of a tile: the first of them to place `first_pixel` of maps whose rows are `stride`
+    /// long.
     fn resolve(
         &mut self,
         (place, tile): (&Place<'_>, &Tile),
         (columns, rows): (usize, usize),
-        (maps, stride): (&mut Maps<'_>, usize),
+        (maps, stride, first_pixel): (&mut Maps<'_>, usize, usize),
     ) {
         self.planes.clear();
         self.planes.push(Plane::NONE);
@@ -159,7 +172,7 @@ impl Resolver {
             for row in top..rows.min(top + ROWS) {
                 let ids = tile.row(row, columns);
                 let y = place.eye.direction(place.column, place.row + row).y;
-                let maps = maps.part((place.row + row) % SIZE * stride + place.column, columns);
+                let maps = maps.part(row * stride + first_pixel, columns);
                 self.write((&place.eye.frame, &window), (row - top, y), (ids, maps));
             }
         }

@@ -114,7 +114,7 @@ impl<'m> Oracle<'m> {
             return (Pixel::without_surface(sight), None);
         };
         let facet = frame.facet(center.triangle);
-        if facet.is_hollow(direction) {
+        if facet.is_hollow() {
             return (Pixel::without_surface(Sight::BackFace), None);
         }
         let mut pixel = Pixel::new(&facet, center.crossing.distance, direction);

@@ -4,12 +4,13 @@ use super::eye::Eye;
 use super::lanes::LANES;
 use super::lens::Place;
 use super::look::{Look, Scenery, spots};
+use super::maps::Resolver;
 use super::shade::{Row, runs};
 use super::sight::{Samples, Sight};
 use super::surface::{Facet, Frame, Patch};
 use super::texture::Parts;
 use super::tile::{SIZE, Spot};
-use super::{Pixel, RenderOptions, Rendering};
+use super::{Pixel, RenderOptions, Rendering, Seen};
 use crate::error::Result;
 use crate::parallel;
 use mvs_datasets::scene::{DepthMap, Raster};
@@ -31,10 +32,11 @@ pub(crate) fn render(
     };
     let across = width.div_ceil(SIZE);
     let corner = |index: usize| (index % across * SIZE, index / across * SIZE);
-    let tiles = parallel::map(across * height.div_ceil(SIZE), |index| {
+    let count = across * height.div_ceil(SIZE);
+    let tiles = parallel::map_with(count, Easel::new, |easel, index| {
         let (column, row) = corner(index);
         let size = (SIZE.min(width - column), SIZE.min(height - row));
-        painter.paint((column, row), size)
+        painter.paint((column, row), size, easel)
     });
     let mut whole = Maps::empty((width, width * height), options);
     for (index, tile) in tiles.iter().enumerate() {
@@ -84,6 +86,25 @@ impl Maps {
                 self.interpolated[to.clone()].copy_from_slice(&tile.interpolated[from.clone()]);
             }
             self.sight[to].copy_from_slice(&tile.sight[from]);
+        }
+    }
+
+    /// Takes depth and normals of all pixels; `is_hollow` tells of a triangle whether what is seen of it
+    /// is no surface.
+    fn take(&mut self, seen: &Seen, mut is_hollow: impl FnMut(u32) -> bool) {
+        self.depth.copy_from_slice(&seen.depth);
+        self.normals.copy_from_slice(&seen.normals);
+        for (triangle, (from, to)) in runs(&seen.triangles) {
+            let sight = match triangle {
+                None => continue,
+                Some(triangle) if is_hollow(triangle) => Sight::BackFace,
+                Some(_) => Sight::Surface,
+            };
+            self.sight[from..to].fill(sight);
+            if sight == Sight::BackFace {
+                self.depth[from..to].fill(0.0);
+                self.normals[from..to].fill([0.0; 3]);
+            }
         }
     }
 
@@ -151,6 +172,27 @@ struct Painter<'p> {
     options: &'p RenderOptions,
 }
 
+/// What one tile after the other is worked out with.
+struct Easel<'p> {
+    resolver: Resolver,
+    seen: Seen,
+    hollow: Kept<bool>,
+    patches: Kept<Patch<'p>>,
+    samples: Row,
+}
+
+impl Easel<'_> {
+    fn new() -> Self {
+        Self {
+            resolver: Resolver::new(),
+            seen: Seen::default(),
+            hollow: Kept::new(),
+            patches: Kept::new(),
+            samples: Row::new(),
+        }
+    }
+}
+
 /// What the pixel centres of a tile see, and where the tile is.
 struct Centers<'p> {
     look: Look<'p>,
@@ -164,6 +206,7 @@ impl<'p> Painter<'p> {
         &self,
         (column, row): (usize, usize),
         (width, height): (usize, usize),
+        easel: &mut Easel<'p>,
     ) -> Option<Maps> {
         let place = Place {
             eye: &self.pixels,
@@ -175,15 +218,29 @@ impl<'p> Painter<'p> {
             return None;
         }
         let mut maps = Maps::empty((width, width * height), self.options);
-        let mut facets = Kept::new();
-        for spot in spots(width, height) {
-            let pixel = resolve(&look, (spot, &self.pixels.frame), &mut facets);
-            maps.set(spot.row * width + spot.column, &pixel);
+        if look.is_straight() && !self.options.interpolated_normals {
+            let tile = (&place, look.tile());
+            let Easel {
+                resolver,
+                seen,
+                hollow,
+                ..
+            } = &mut *easel;
+            resolver.resolve_tile(tile, (width, height), seen);
+            maps.take(seen, |triangle| {
+                let is_hollow = || self.pixels.frame.is_hollow(triangle as usize);
+                *hollow.get(triangle, is_hollow)
+            });
+        } else {
+            let mut facets = Kept::new();
+            for spot in spots(width, height) {
+                let pixel = resolve(&look, (spot, &self.pixels.frame), &mut facets);
+                maps.set(spot.row * width + spot.column, &pixel);
+            }
         }
         let centers = Centers { look, column, row };
         let side = self.samples.side() as usize;
         let step = SIZE / side; // Whole pixels whose samples fit into one tile.
-        let (mut patches, mut samples) = (Kept::new(), Row::new());
         for top in (0..height).step_by(step) {
             for left in (0..width).step_by(step) {
                 let part = Part {
@@ -192,20 +249,15 @@ impl<'p> Painter<'p> {
                     width: step.min(width - left),
                     height: step.min(height - top),
                 };
-                self.color(&centers, &part, (&mut patches, &mut samples), &mut maps);
+                self.color(&centers, &part, easel, &mut maps);
             }
         }
         Some(maps)
     }
 
     /// Gives the pixels of a part of a tile their colours.
-    fn color(
-        &self,
-        centers: &Centers<'p>,
-        part: &Part,
-        (patches, samples): (&mut Kept<Patch<'p>>, &mut Row),
-        maps: &mut Maps,
-    ) {
+    fn color(&self, centers: &Centers<'_>, part: &Part, easel: &mut Easel<'p>, maps: &mut Maps) {
+        let (patches, samples) = (&mut easel.patches, &mut easel.samples);
         if !part.rows(maps.width).any(|pixels| maps.is_surface(pixels)) {
             return;
         }
@@ -300,7 +352,7 @@ fn resolve(look: &Look<'_>, (spot, frame): (Spot, &Frame<'_>), facets: &mut Kept
     };
     let direction = look.direction(spot);
     let facet = facets.get(triangle, || frame.facet(triangle as usize));
-    if facet.is_hollow(direction) {
+    if facet.is_hollow() {
         return Pixel::without_surface(Sight::BackFace);
     }
     let crossing = facet.cross(direction);

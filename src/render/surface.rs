@@ -162,6 +162,11 @@ impl<'m> Frame<'m> {
         }
     }
 
+    /// Whether the back of a triangle is seen, which is no surface, as [`Facet::is_hollow`].
+    pub(crate) fn is_hollow(&self, triangle: usize) -> bool {
+        self.is_one_sided(triangle) && self.facet(triangle).is_hollow()
+    }
+
     /// The surface of a triangle, for its colours.
     pub(crate) fn patch(&self, triangle: usize) -> Patch<'m> {
         let [a, b, c] = self.corners(triangle);
@@ -217,9 +222,9 @@ impl Facet {
         self.normal.dot(direction) > 0.0
     }
 
-    /// Whether the side seen along `direction` is no surface.
-    pub(crate) fn is_hollow(&self, direction: DVec3) -> bool {
-        self.one_sided && self.is_back(direction)
+    /// Whether its back is seen, which is no surface.
+    pub(crate) fn is_hollow(&self) -> bool {
+        self.one_sided && self.normal.dot(self.corners[0]) > 0.0
     }
 
     /// The unit normal on the side that is seen along `direction`.
