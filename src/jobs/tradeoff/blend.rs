@@ -1,4 +1,4 @@
-//! The knobs of blending: the filter's band limit and the mode, against the default.
+//! The knobs of blending: the filter's band limit, the mode and the light, against the default.
 
 use super::rows::{Measured, Row, rows};
 use super::{TradeoffJob, clock, picked, rmse};
@@ -40,6 +40,14 @@ pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>
             "mode",
             "composite".to_owned(),
             with(d0, BlendMode::Composite),
+        ),
+        (
+            "light",
+            "linear".to_owned(),
+            BlendOptions {
+                linear_light: true,
+                ..BlendOptions::default()
+            },
         ),
     ];
     progress.begin("blend settings", settings.len() as u64);
