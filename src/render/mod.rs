@@ -192,11 +192,15 @@ pub struct Renderer<'m> {
 }
 
 impl<'m> Renderer<'m> {
-    /// Prepares `mesh`, which must have triangles.
+    /// Prepares `mesh`, which must have triangles, and textures of at most 4 GiB each.
     pub fn new(mesh: &'m Mesh) -> Result<Self> {
         if mesh.triangles().is_empty() {
             let problem = "expected at least one triangle, found none: nothing can be rendered";
             return Err(Error::invalid("mesh", problem));
+        }
+        let textures = mesh.materials().iter();
+        for texture in textures.filter_map(|material| material.texture.as_ref()) {
+            texture::check_size(texture.size())?;
         }
         let bounds = mesh.bounds();
         Ok(Self {

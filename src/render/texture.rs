@@ -10,6 +10,7 @@
 )]
 
 use super::lanes::{LANES, Lanes};
+use crate::error::{Error, Result};
 use glam::{Vec2, Vec3};
 use mvs_datasets::scene::{ColorImage, Corner, Raster};
 
@@ -136,6 +137,18 @@ pub(crate) struct Texels<'m> {
     bytes: &'m [u8],
     columns: Axis,
     rows: Axis,
+}
+
+/// Checks that every byte of a texture of this size has a 32-bit number.
+pub(crate) fn check_size((width, height): (u32, u32)) -> Result<()> {
+    let bytes = 3 * u64::from(width) * u64::from(height);
+    if u32::try_from(bytes).is_ok() {
+        return Ok(());
+    }
+    let problem = format!(
+        "expected at most 4 GiB of colours, found {width}x{height} texels: cut it into several"
+    );
+    Err(Error::invalid("texture", problem))
 }
 
 /// Samples on a texture: of each the byte at which the upper left of four texels begins, and how much
@@ -407,6 +420,13 @@ mod tests {
             Border::of(&[Vec2::ZERO, Vec2::new(1.5, 0.0), Vec2::X]),
             Border::Repeat
         );
+    }
+
+    #[test]
+    fn textures_of_more_bytes_than_have_numbers_are_refused() {
+        assert!(check_size((65_536, 21_845)).is_ok());
+        let problem = check_size((65_536, 21_846)).unwrap_err().to_string();
+        assert!(problem.contains("65536x21846"), "{problem}");
     }
 
     #[test]
