@@ -1,8 +1,10 @@
 //! Points in Hilbert order, packed in blocks of sixteen under a tree of boxes.
 
 use super::hilbert::CHUNK;
-use super::search::{Squares, larger, smaller, square_of, walk};
-use super::{Listed, Order, check_points, hilbert, listed, wide};
+use super::search::{Squares, larger, smaller, square_of};
+use super::together::{Neighbourhood, TOGETHER};
+use super::wide::{self, Registers};
+use super::{Listed, Order, check_points, hilbert, listed};
 use crate::error::Result;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,7 +14,7 @@ pub(super) const LANES: usize = 16;
 /// Boxes of a tree node.
 pub(super) const FANOUT: usize = 8;
 /// Query groups that one thread searches at a time, each with a hint from the one before.
-const GROUPS: usize = 64;
+const GROUPS: usize = 256;
 
 /// The lower and the upper corner of a box.
 pub(super) type Corners = (DVec3, DVec3);
@@ -244,6 +246,10 @@ impl BlockIndex {
     }
 
     fn search(&self, queries: &Packed, bound: f64) -> Vec<f64> {
+        self.search_by(Registers::widest(), queries, bound)
+    }
+
+    fn search_by(&self, registers: Registers, queries: &Packed, bound: f64) -> Vec<f64> {
         // One rounding above the bound's square: no distance below the bound is missed.
         let bound_square = (bound * bound).next_up();
         let mut found = vec![[bound_square; LANES]; queries.blocks.len()];
@@ -253,7 +259,7 @@ impl BlockIndex {
             .zip(found.par_chunks_mut(GROUPS))
             .for_each(|(blocks, found)| {
                 let index = self;
-                wide::run(Search {
+                registers.run(Search {
                     index,
                     blocks,
                     found,
@@ -305,13 +311,24 @@ impl wide::Task for Search<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
-        let mut hint = 0;
-        for (queries, found) in self.blocks.iter().zip(self.found) {
-            let mut squares = Squares { best: *found };
-            let corners = queries.bounds();
-            hint = walk(self.index, queries, corners, hint, &mut squares);
-            *found = squares.best;
+    fn run(self, width: impl wide::Width) {
+        let mut neighbourhood = Neighbourhood::new();
+        let several = self.blocks.chunks(TOGETHER);
+        for (blocks, found) in several.zip(self.found.chunks_mut(TOGETHER)) {
+            let group = |k: usize| {
+                let block = &blocks[k.min(blocks.len() - 1)];
+                (block, block.bounds())
+            };
+            let groups: [_; TOGETHER] = std::array::from_fn(group);
+            let squares = |k: usize| Squares {
+                best: found[k.min(found.len() - 1)],
+            };
+            let mut squares: [_; TOGETHER] = std::array::from_fn(squares);
+            let some = blocks.len();
+            neighbourhood.search(width, self.index, &groups[..some], &mut squares[..some]);
+            for (found, squares) in found.iter_mut().zip(squares) {
+                *found = squares.best;
+            }
         }
     }
 }
@@ -341,6 +358,63 @@ mod tests {
             };
             assert_eq!(below, wanted, "{place} below {bound}");
         }
+    }
+
+    /// Every width that this processor has, not the widest only, against kiddo and against trying
+    /// every point.
+    #[test]
+    fn every_width_finds_the_same_bits() {
+        let points = flattened(&scattered(32, 6_001));
+        let mut queries = scattered(33, 1_003);
+        queries.extend(flattened(&scattered(34, 1_500)));
+        let index = BlockIndex::new(&points).unwrap();
+        let expected = NearestIndex::new(&points).unwrap().distances(&queries);
+        let least = |&query: &DVec3| {
+            let squares = points
+                .iter()
+                .map(|&p| super::super::squared_distance(query, p));
+            squares.fold(f64::INFINITY, f64::min).sqrt()
+        };
+        assert_eq!(queries.iter().map(least).collect::<Vec<_>>(), expected);
+        let packed = Packed::new(&listed(&queries, Order::Any));
+        let mut seen = 0;
+        for registers in [Registers::Baseline, Registers::Avx2, Registers::Avx512] {
+            if registers.are_there() {
+                let found = index.search_by(registers, &packed, f64::INFINITY);
+                assert_eq!(found, expected, "{registers:?}");
+                let below = index.search_by(registers, &packed, 0.01);
+                let capped = |&d: &f64| if d < 0.01 { d } else { f64::INFINITY };
+                assert_eq!(below, expected.iter().map(capped).collect::<Vec<_>>());
+                seen += 1;
+            }
+        }
+        let wider = usize::from(std::env::consts::ARCH == "x86_64" && Registers::Avx2.are_there());
+        assert!(
+            seen > wider,
+            "the baseline, and what is wider where there is any"
+        );
+    }
+
+    /// Distances that jump, so that guesses from neighbours are wrong both ways, and queries far
+    /// from everything.
+    #[test]
+    fn wrong_guesses_change_nothing() {
+        let points = flattened(&scattered(35, 9_000));
+        let lift = |(k, p): (usize, &DVec3)| match k % 97 {
+            0 => *p + DVec3::Z * 50.0,
+            1..40 => *p,
+            _ => *p + DVec3::Z * 1e-5 * (k % 7) as f64,
+        };
+        let jumping: Vec<DVec3> = points.iter().enumerate().map(lift).collect();
+        assert_as_oracle(&points, &jumping, "jumping");
+        assert_as_oracle(&jumping, &points, "jumping, the other way");
+        let far: Vec<DVec3> = points.iter().map(|p| *p * 0.01 + DVec3::X * 9.0).collect();
+        assert_as_oracle(&points, &far, "far");
+        let twice = [&points[..], &points[..]].concat();
+        assert_as_oracle(&twice, &twice, "twins");
+        assert_as_oracle(&vec![DVec3::ONE; 5000], &points, "one place");
+        let mixed = [&far[..], &jumping[..], &points[..]].concat();
+        assert_as_oracle(&points, &mixed, "mixed");
     }
 
     fn flattened(points: &[DVec3]) -> Vec<DVec3> {

@@ -8,6 +8,7 @@ pub(crate) mod hilbert;
 mod oracle;
 mod pairs;
 mod search;
+mod together;
 mod wide;
 
 pub use blocks::BlockIndex;

@@ -2,15 +2,18 @@
 //!
 //! A point is searched for only when its partner may have changed: after a search every target but
 //! the partner is known to be at least so far away; while the partner is nearer than that, less the
-//! way gone since, nothing else can be.
+//! way gone since, nothing else can be. The first motions are too large for that: they look for the
+//! partner alone.
 #![allow(
     clippy::needless_range_loop,
     reason = "one index runs over several columns"
 )]
 
+use super::Listed;
 use super::blocks::{Block, BlockIndex, LANES, NOWHERE, around};
-use super::search::{Found, joined, smaller, square_of, squares, walk};
-use super::{Listed, wide};
+use super::search::{Found, joined, smaller, square_of, squares};
+use super::together::{Neighbourhood, TOGETHER};
+use super::wide::{self, Registers, Width};
 use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 
@@ -20,6 +23,8 @@ const GROUPS: usize = 64;
 const BEYOND: f64 = 1.05;
 /// Keeps comparisons of sums of distances safe that are kept as f32: far above their relative error.
 const SAFETY: f64 = 1.0 - 1e-6;
+/// Motions before the distance of all others is kept too.
+const COARSE: usize = 2;
 /// No partner.
 const NONE: u32 = u32::MAX;
 
@@ -61,6 +66,8 @@ pub(crate) struct Tracker<'a> {
     centre: DVec3,
     groups: Vec<Group>,
     asked: usize,
+    moves: usize,
+    registers: Registers,
 }
 
 /// Sixteen neighbouring source points.
@@ -94,6 +101,8 @@ impl<'a> Tracker<'a> {
             centre,
             groups: blocks.into_iter().map(group).collect(),
             asked: source.count,
+            moves: 0,
+            registers: Registers::widest(),
         }
     }
 
@@ -101,16 +110,19 @@ impl<'a> Tracker<'a> {
     pub(crate) fn moved(&mut self, motion: DMat4) -> PairSums {
         let (index, max_distance, centre) = (self.index, self.max_distance, self.centre);
         let (asked, chunk_size) = (self.asked, GROUPS * LANES);
+        let (fine, registers) = (self.moves >= COARSE, self.registers);
+        self.moves += 1;
         let sums: Vec<PairSums> = self
             .groups
             .par_chunks_mut(GROUPS)
             .enumerate()
             .map(|(chunk, groups)| {
-                wide::run(Step {
+                registers.run(Step {
                     index,
                     max_distance,
                     centre,
                     motion,
+                    fine,
                     asked: (asked - chunk * chunk_size).min(chunk_size),
                     groups,
                 })
@@ -126,6 +138,8 @@ struct Step<'a> {
     max_distance: f64,
     centre: DVec3,
     motion: DMat4,
+    /// Whether the distance of all targets but the partners is kept too.
+    fine: bool,
     groups: &'a mut [Group],
     /// Points in the groups.
     asked: usize,
@@ -135,18 +149,132 @@ impl wide::Task for Step<'_> {
     type Output = PairSums;
 
     #[inline(always)]
-    fn run(self) -> PairSums {
+    fn run(self, width: impl Width) -> PairSums {
         let mut sums = LaneSums::default();
-        let mut hint = 0;
-        for (number, group) in self.groups.iter_mut().enumerate() {
-            let steps = group.move_by(self.motion);
-            let lanes = (self.asked - number * LANES).min(LANES);
-            hint = group.pair(self.index, self.max_distance, lanes, &steps, hint);
-            let partners = group.partners(self.index);
-            let bound = self.max_distance * self.max_distance;
-            sums.add(&group.at, &partners, lanes, bound, self.centre);
+        let mut near = Neighbourhood::new();
+        for (nth, groups) in self.groups.chunks_mut(TOGETHER).enumerate() {
+            let mut steps = [[0.0; LANES]; TOGETHER];
+            let mut lanes = [0; TOGETHER];
+            for (k, group) in groups.iter_mut().enumerate() {
+                steps[k] = group.move_by(self.motion);
+                lanes[k] = (self.asked - (nth * TOGETHER + k) * LANES).min(LANES);
+            }
+            if self.fine {
+                self::fine(
+                    width,
+                    self.index,
+                    self.max_distance,
+                    groups,
+                    (&lanes, &steps),
+                    &mut near,
+                );
+            } else {
+                coarse(
+                    width,
+                    self.index,
+                    self.max_distance,
+                    groups,
+                    &lanes,
+                    &mut near,
+                );
+            }
+            for (group, lanes) in groups.iter().zip(lanes) {
+                let partners = group.partners(self.index);
+                let bound = self.max_distance * self.max_distance;
+                sums.add(&group.at, &partners, lanes, bound, self.centre);
+            }
         }
         sums.total()
+    }
+}
+
+/// Searches for all partners.
+#[inline(always)]
+fn coarse(
+    width: impl Width,
+    index: &BlockIndex,
+    max_distance: f64,
+    groups: &mut [Group],
+    lanes: &[usize; TOGETHER],
+    near: &mut Neighbourhood,
+) {
+    let mut found = [Closest::NOTHING; TOGETHER];
+    let mut corners = [NOWHERE; TOGETHER];
+    for (k, group) in groups.iter().enumerate() {
+        let partners = group.partners(index);
+        for lane in 0..LANES {
+            let known = squared_distance_at(&group.at, &partners, lane);
+            let bound = smaller(known, max_distance * max_distance);
+            found[k].best[lane] = if lane < lanes[k] { bound } else { 0.0 };
+        }
+        corners[k] = group.at.bounds();
+    }
+    let asking: [_; TOGETHER] = std::array::from_fn(|k| {
+        let k = k.min(groups.len() - 1);
+        (&groups[k].at, corners[k])
+    });
+    near.search(
+        width,
+        index,
+        &asking[..groups.len()],
+        &mut found[..groups.len()],
+    );
+    for (group, found) in groups.iter_mut().zip(&found) {
+        for lane in 0..LANES {
+            if found.block[lane] != NONE {
+                let number = found.block[lane];
+                let squares = squares(index.block(number as usize), group.at.point(lane));
+                let mut bits = [0u64; LANES];
+                for k in 0..LANES {
+                    bits[k] = if squares[k] <= found.best[lane] {
+                        1 << k
+                    } else {
+                        0
+                    };
+                }
+                let k = joined(&bits).trailing_zeros();
+                group.partner[lane] = number * LANES as u32 + k;
+            }
+        }
+        group.others = [0.0; LANES];
+    }
+}
+
+/// Searches for the partners that may have changed, and how far away all others are.
+#[inline(always)]
+fn fine(
+    width: impl Width,
+    index: &BlockIndex,
+    max_distance: f64,
+    groups: &mut [Group],
+    (lanes, steps): (&[usize; TOGETHER], &[[f64; LANES]; TOGETHER]),
+    near: &mut Neighbourhood,
+) {
+    let mut found = [Nearest::NOTHING; TOGETHER];
+    let mut corners = [NOWHERE; TOGETHER];
+    let mut stale = [0; TOGETHER];
+    for (k, group) in groups.iter_mut().enumerate() {
+        stale[k] = group.stale(index, max_distance, lanes[k], &steps[k], &mut found[k]);
+        for lane in (0..LANES).filter(|lane| stale[k] >> lane & 1 == 1) {
+            corners[k] = around(corners[k], group.at.point(lane));
+        }
+    }
+    let asking: [_; TOGETHER] = std::array::from_fn(|k| {
+        let k = k.min(groups.len() - 1);
+        (&groups[k].at, corners[k])
+    });
+    near.search(
+        width,
+        index,
+        &asking[..groups.len()],
+        &mut found[..groups.len()],
+    );
+    for ((group, found), stale) in groups.iter_mut().zip(&found).zip(stale) {
+        for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {
+            group.partner[lane] = found.partner[lane];
+            let others = found.second[lane].sqrt() * SAFETY;
+            group.others[lane] = smaller(others, f64::from(f32::MAX)) as f32;
+        }
     }
 }
 
@@ -185,17 +313,16 @@ impl Group {
         partners
     }
 
-    /// Searches for the lanes whose partner may have changed, from the block `hint` on; a hint for
-    /// the next group.
+    /// A bit for each lane whose partner may have changed, with what to ask for it.
     #[inline(always)]
-    fn pair(
+    fn stale(
         &mut self,
         index: &BlockIndex,
         max_distance: f64,
         lanes: usize,
         steps: &[f64; LANES],
-        hint: usize,
-    ) -> usize {
+        found: &mut Nearest,
+    ) -> u32 {
         let partners = self.partners(index);
         let mut known = [0.0; LANES];
         let mut stale = 0u32;
@@ -207,29 +334,17 @@ impl Group {
             stale |= u32::from(!kept) << lane;
         }
         stale &= (1 << lanes) - 1;
-        if stale == 0 {
-            return hint;
-        }
         let ceiling = (max_distance * BEYOND).powi(2).next_up();
-        let mut found = Nearest::NOTHING;
-        let (mut corners, mut start) = (NOWHERE, hint);
         for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {
-            corners = around(corners, self.at.point(lane));
             found.second[lane] = ceiling;
             if self.partner[lane] != NONE {
                 // Far enough to meet what may be nearer than the partner, and most likely the next.
-                start = self.partner[lane] as usize / LANES;
-                let reach = known[lane] / SAFETY + steps[lane] + index.spacing_at(start);
+                let spacing = index.spacing_at(self.partner[lane] as usize / LANES);
+                let reach = known[lane] / SAFETY + steps[lane] + spacing;
                 found.second[lane] = smaller((reach * reach).next_up(), ceiling);
             }
         }
-        let next = walk(index, &self.at, corners, start, &mut found);
-        for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {
-            let second = found.second[lane];
-            self.partner[lane] = found.partner[lane];
-            self.others[lane] = smaller(second.sqrt() * SAFETY, f64::from(f32::MAX)) as f32;
-        }
-        next
+        stale
     }
 }
 
@@ -305,7 +420,42 @@ impl LaneSums {
     }
 }
 
+/// Per lane the squared distance of the nearest target found or the bound that it came with, and the
+/// number of its block, or [`NONE`].
+#[derive(Clone, Copy)]
+struct Closest {
+    best: [f64; LANES],
+    block: [u32; LANES],
+}
+
+impl Closest {
+    const NOTHING: Self = Self {
+        best: [0.0; LANES],
+        block: [NONE; LANES],
+    };
+}
+
+impl Found for Closest {
+    #[inline(always)]
+    fn bounds(&self) -> &[f64; LANES] {
+        &self.best
+    }
+
+    #[inline(always)]
+    fn meet(&mut self, width: impl Width, number: usize, block: &Block, lane: usize, query: DVec3) {
+        let least = width.least(block, query, self.best[lane]);
+        let nearer = least < self.best[lane];
+        self.block[lane] = if nearer {
+            number as u32
+        } else {
+            self.block[lane]
+        };
+        self.best[lane] = least;
+    }
+}
+
 /// Per lane the nearest target found, and how far away all others are at least, squared.
+#[derive(Clone, Copy)]
 struct Nearest {
     best: [f64; LANES],
     /// Its place in the index's blocks.
@@ -329,7 +479,7 @@ impl Found for Nearest {
     }
 
     #[inline(always)]
-    fn meet(&mut self, number: usize, block: &Block, lane: usize, query: DVec3) {
+    fn meet(&mut self, _: impl Width, number: usize, block: &Block, lane: usize, query: DVec3) {
         let squares = squares(block, query);
         let (mut best, mut second) = (self.best[lane], self.second[lane]);
         let mut bits = [0u64; LANES];
@@ -350,5 +500,40 @@ impl Found for Nearest {
             near &= near - 1;
         }
         (self.best[lane], self.second[lane]) = (best, second);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::align::tests::scattered;
+    use crate::distance::{Order, listed};
+
+    fn sheet(seed: u64, count: u64) -> Vec<DVec3> {
+        let bump = |p: &DVec3| DVec3::new(p.x, p.y, 0.3 * p.x * p.x - 0.2 * p.x * p.y);
+        scattered(seed, count).iter().map(bump).collect()
+    }
+
+    /// Pairs and sums at every width, over motions of falling size: the coarse and the fine search.
+    #[test]
+    fn every_width_pairs_and_sums_alike() {
+        let target = sheet(70, 5_000);
+        let source = sheet(71, 3_001);
+        let index = BlockIndex::new(&target).unwrap();
+        let source = listed(&source, Order::Any);
+        let run = |registers| {
+            let mut tracker = Tracker::new(&index, &source, 0.3, DVec3::ZERO);
+            tracker.registers = registers;
+            let step =
+                |k: i32| DMat4::from_translation(DVec3::new(0.02, 0.01, 0.05) * 0.3f64.powi(k));
+            (0..7).map(|k| tracker.moved(step(k))).collect::<Vec<_>>()
+        };
+        let expected = run(Registers::Baseline);
+        assert!(expected.iter().all(|sums| sums.pairs > 2_900));
+        for registers in [Registers::Avx2, Registers::Avx512] {
+            if registers.are_there() {
+                assert_eq!(run(registers), expected, "{registers:?}");
+            }
+        }
     }
 }

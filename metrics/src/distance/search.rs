@@ -7,11 +7,12 @@
     reason = "one index runs over several columns"
 )]
 
-use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES, Node};
+use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES};
+use super::wide::Width;
 use glam::DVec3;
 
 /// Deepest stack: a node leaves at most seven siblings waiting on each of its levels.
-const STACK: usize = FANOUT * 12;
+pub(super) const STACK: usize = FANOUT * 12;
 
 /// A child still to be visited: its gap from the group's box squared, its level and its number.
 #[derive(Clone, Copy)]
@@ -27,7 +28,7 @@ pub(super) trait Found {
     fn bounds(&self) -> &[f64; LANES];
 
     /// Takes note of a block that may hold a point of interest for the query of a lane.
-    fn meet(&mut self, number: usize, block: &Block, lane: usize, query: DVec3);
+    fn meet(&mut self, width: impl Width, number: usize, block: &Block, lane: usize, query: DVec3);
 }
 
 /// Per query the squared distance of its nearest point, or the bound that it came with.
@@ -42,19 +43,8 @@ impl Found for Squares {
     }
 
     #[inline(always)]
-    fn meet(&mut self, _: usize, block: &Block, lane: usize, query: DVec3) {
-        let squares = squares(block, query);
-        let mut least = [self.best[lane]; LANES / 2];
-        for k in 0..LANES / 2 {
-            let lower = smaller(squares[k], least[k]);
-            least[k] = smaller(squares[k + LANES / 2], lower);
-        }
-        let mut four = [0.0; 4];
-        for k in 0..4 {
-            four[k] = smaller(least[k], least[k + 4]);
-        }
-        let (a, b) = (smaller(four[0], four[2]), smaller(four[1], four[3]));
-        self.best[lane] = smaller(a, b);
+    fn meet(&mut self, width: impl Width, _: usize, block: &Block, lane: usize, query: DVec3) {
+        self.best[lane] = width.least(block, query, self.best[lane]);
     }
 }
 
@@ -79,13 +69,14 @@ pub(super) fn squares(block: &Block, query: DVec3) -> [f64; LANES] {
 /// nearest block, a good hint for neighbouring queries.
 #[inline(always)]
 pub(super) fn walk(
+    width: impl Width,
     index: &BlockIndex,
     queries: &Block,
     corners: Corners,
     hint: usize,
     found: &mut impl Found,
 ) -> usize {
-    let mut reach = scan(index, hint, queries, farthest(found.bounds()), found);
+    let mut reach = scan(width, index, hint, queries, farthest(found.bounds()), found);
     let mut nearest = None;
     let root = Visit {
         gap: 0.0,
@@ -104,12 +95,13 @@ pub(super) fn walk(
         if visit.level == 0 {
             nearest = nearest.or(Some(number));
             if number != hint {
-                reach = scan(index, number, queries, reach, found);
+                reach = scan(width, index, number, queries, reach, found);
             }
             continue;
         }
         let level = visit.level - 1;
-        let (gaps, mut open) = gaps(&index.levels()[level as usize][number], corners, reach);
+        let node = &index.levels()[level as usize][number];
+        let (gaps, mut open) = gaps_of(&node.min, &node.max, 0, corners, reach);
         let siblings = waiting;
         while open != 0 {
             let k = open.trailing_zeros() as usize % FANOUT;
@@ -131,6 +123,7 @@ pub(super) fn walk(
 /// Shows a block to `found` for the queries that may be near enough; the reach after that.
 #[inline(always)]
 fn scan(
+    width: impl Width,
     index: &BlockIndex,
     number: usize,
     queries: &Block,
@@ -154,7 +147,7 @@ fn scan(
     let block = index.block(number);
     while open != 0 {
         let lane = open.trailing_zeros() as usize % LANES;
-        found.meet(number, block, lane, queries.point(lane));
+        found.meet(width, number, block, lane, queries.point(lane));
         open &= open - 1;
     }
     farthest(found.bounds())
@@ -174,7 +167,7 @@ pub(super) fn joined<const N: usize>(lanes: &[u64; N]) -> u32 {
 
 /// The largest of sixteen numbers that are not NaN, at least 0.
 #[inline(always)]
-fn farthest(best: &[f64; LANES]) -> f64 {
+pub(super) fn farthest(best: &[f64; LANES]) -> f64 {
     let mut largest = [0.0; 4];
     for first in (0..LANES).step_by(4) {
         for k in 0..4 {
@@ -199,16 +192,30 @@ pub(super) fn smaller(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// The squared gaps between a box and the boxes of a node's children, and a bit for each that is
-/// below the reach.
+/// The squared gaps between a box and eight boxes of two columns, from `first` on, and a bit for each
+/// that is below the reach.
 #[inline(always)]
-fn gaps(node: &Node, (min, max): Corners, reach: f64) -> ([f64; FANOUT], u32) {
+pub(super) fn gaps_of<const N: usize>(
+    mins: &[[f64; N]; 3],
+    maxs: &[[f64; N]; 3],
+    first: usize,
+    (min, max): Corners,
+    reach: f64,
+) -> ([f64; FANOUT], u32) {
+    let eight = |columns: &[[f64; N]; 3]| {
+        columns.each_ref().map(|column| {
+            let mut eight = [0.0; FANOUT];
+            eight.copy_from_slice(&column[first..first + FANOUT]);
+            eight
+        })
+    };
+    let (mins, maxs) = (eight(mins), eight(maxs));
     let mut gaps = [0.0; FANOUT];
     let mut bits = [0u64; FANOUT];
     for k in 0..FANOUT {
-        let x = larger(node.min[0][k] - max.x, min.x - node.max[0][k]);
-        let y = larger(node.min[1][k] - max.y, min.y - node.max[1][k]);
-        let z = larger(node.min[2][k] - max.z, min.z - node.max[2][k]);
+        let x = larger(mins[0][k] - max.x, min.x - maxs[0][k]);
+        let y = larger(mins[1][k] - max.y, min.y - maxs[1][k]);
+        let z = larger(mins[2][k] - max.z, min.z - maxs[2][k]);
         gaps[k] = square_of(larger(x, 0.0), larger(y, 0.0), larger(z, 0.0));
         bits[k] = if gaps[k] < reach { 1 << k } else { 0 };
     }
