@@ -4,6 +4,8 @@ use crate::error::{Error, Result};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+/// Slabs into which the polygon is cut.
+const SLABS: f64 = 256.0;
 /// Points handled by one task.
 const BLOCK: usize = 1 << 14;
 
@@ -15,7 +17,61 @@ pub struct Prism {
     v: usize,
     min: f64,
     max: f64,
+    slabs: Slabs,
+}
+
+/// The polygon's edges, listed for each of equal slabs along its second axis that they may cross.
+#[derive(Debug, Clone, PartialEq)]
+struct Slabs {
+    start: f64,
+    slabs_per_unit: f64,
+    /// Where the edges of a slab start, and the end of the last.
+    starts: Vec<u32>,
     edges: Vec<[DVec2; 2]>,
+}
+
+impl Slabs {
+    fn new(edges: &[[DVec2; 2]]) -> Self {
+        let along = || edges.iter().map(|edge| edge[0].y);
+        let start = along().fold(f64::INFINITY, f64::min);
+        let end = along().fold(f64::NEG_INFINITY, f64::max);
+        let slabs_per_unit = SLABS / (end - start);
+        let mut slabs = Self {
+            start,
+            slabs_per_unit: if slabs_per_unit.is_finite() {
+                slabs_per_unit
+            } else {
+                0.0
+            },
+            starts: vec![0],
+            edges: Vec::new(),
+        };
+        for slab in 0..=SLABS as usize {
+            let ends = |edge: &[DVec2; 2]| edge.map(|end| slabs.slab_of(end.y));
+            let crosses = |edge: &&[DVec2; 2]| {
+                let [i, j] = ends(edge);
+                i.min(j) <= slab && slab <= i.max(j)
+            };
+            let listed: Vec<_> = edges.iter().filter(crosses).copied().collect();
+            slabs.edges.extend(listed);
+            slabs.starts.push(slabs.edges.len() as u32);
+        }
+        slabs
+    }
+
+    /// Monotonic: what lies between two places lies between their slabs. The cast takes NaN and what
+    /// is before the first slab to it.
+    #[inline]
+    fn slab_of(&self, along: f64) -> usize {
+        ((along - self.start) * self.slabs_per_unit).min(SLABS) as usize
+    }
+
+    /// The edges that may be crossed at a place, in the polygon's order.
+    #[inline]
+    fn at(&self, along: f64) -> &[[DVec2; 2]] {
+        let slab = self.slab_of(along);
+        &self.edges[self.starts[slab] as usize..self.starts[slab + 1] as usize]
+    }
 }
 
 impl Prism {
@@ -48,7 +104,7 @@ impl Prism {
             v,
             min,
             max,
-            edges: edges.collect(),
+            slabs: Slabs::new(&edges.collect::<Vec<_>>()),
         })
     }
 
@@ -66,7 +122,7 @@ impl Prism {
             let crossed = (i.y < pv && j.y >= pv) || (j.y < pv && i.y >= pv);
             crossed && i.x + (pv - i.y) / (j.y - i.y) * (j.x - i.x) < pu
         };
-        self.edges.iter().filter(crossed_left).count() % 2 == 1
+        self.slabs.at(pv).iter().filter(crossed_left).count() % 2 == 1
     }
 
     /// The indices of the points inside, ascending.
@@ -126,6 +182,41 @@ mod tests {
             !inside(0.5, 0.0) && inside(0.5, 1.0),
             "lower edge out, upper edge in"
         );
+    }
+
+    /// Points on vertices, on their height, between and beyond, against a loop over all edges.
+    #[test]
+    fn slabs_change_nothing() {
+        let star = |k: u32| {
+            let angle = f64::from(k) * 0.371;
+            (3.0 + 2.0 * f64::from(k * 7 % 5)) * DVec2::from_angle(angle)
+        };
+        let star: Vec<DVec2> = (0..40).map(star).collect();
+        let far = [(0.0, -1e308), (1e308, 1e308), (-1e308, 1e308)].map(DVec2::from);
+        let flat = [(0.0, 1.0), (2.0, 1.0), (3.0, 1.0)].map(DVec2::from);
+        for polygon in [&star[..], &notched(), &far, &flat] {
+            let prism = Prism::new(2, (0.0, 0.0), polygon).unwrap();
+            let along = |k: usize| polygon.iter().map(move |v| v[k]);
+            let (mut us, mut vs): (Vec<f64>, Vec<f64>) = (along(0).collect(), along(1).collect());
+            for k in 0..400 {
+                us.push(f64::from(k) * 0.063 - 12.0);
+                vs.push(f64::from(k) * 0.071 - 13.0);
+            }
+            let mut inside = 0;
+            for &u in &us {
+                for &v in &vs {
+                    let edges = (0..polygon.len()).map(|k| {
+                        let (i, j) = (polygon[k], polygon[(k + 1) % polygon.len()]);
+                        let crossed = (i.y < v && j.y >= v) || (j.y < v && i.y >= v);
+                        crossed && i.x + (v - i.y) / (j.y - i.y) * (j.x - i.x) < u
+                    });
+                    let expected = edges.filter(|&left| left).count() % 2 == 1;
+                    assert_eq!(prism.contains(DVec3::new(u, v, 0.0)), expected, "{u} {v}");
+                    inside += usize::from(expected);
+                }
+            }
+            assert!(inside > 0 || polygon == flat);
+        }
     }
 
     #[test]

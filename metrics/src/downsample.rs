@@ -89,24 +89,53 @@ fn means(
     rank: &impl Fn(usize) -> u32,
 ) -> Vec<DVec3> {
     let mut means = Vec::with_capacity(entries.len());
-    let mut members: Vec<(u128, DVec3)> = Vec::new();
+    let mut members: Vec<DVec3> = Vec::new();
+    let mut voxels: Vec<u64> = Vec::new();
     for cell in entries.chunk_by(|a, b| a >> 32 == b >> 32) {
+        let index = |place: u64| cell[place as u32 as usize] as u32 as usize;
         members.clear();
-        members.extend(cell.iter().map(|&entry| {
-            let index = entry as u32 as usize;
-            let point = at(index);
-            let [x, y, z] = grid.voxel_of(point).map(|along| along as u128);
-            (x << 96 | y << 64 | z << 32 | u128::from(rank(index)), point)
-        }));
-        members.sort_unstable_by_key(|&(number, _)| number);
-        for voxel in members.chunk_by(|a, b| a.0 >> 32 == b.0 >> 32) {
-            let sum = voxel
-                .iter()
-                .fold(DVec3::ZERO, |sum, &(_, point)| sum + point);
-            means.push(sum / voxel.len() as f64);
+        members.extend((0..cell.len() as u64).map(|place| at(index(place))));
+        let Some(number) = grid.number_in_cell() else {
+            means_of_wide_cell(
+                &members,
+                grid,
+                |place| rank(index(place as u64)),
+                &mut means,
+            );
+            continue;
+        };
+        voxels.clear();
+        let member = |(&point, place): (&DVec3, u64)| number(point) << 32 | place;
+        voxels.extend(members.iter().zip(0..).map(member));
+        voxels.sort_unstable();
+        for voxel in voxels.chunk_by_mut(|a, b| a >> 32 == b >> 32) {
+            if voxel.len() > 1 {
+                voxel.sort_unstable_by_key(|&place| rank(index(place)));
+            }
+            let add = |sum, &place: &u64| sum + members[place as u32 as usize];
+            means.push(voxel.iter().fold(DVec3::ZERO, add) / voxel.len() as f64);
         }
     }
     means
+}
+
+/// As [`means`] for one cell of more voxels than 32 bits count.
+fn means_of_wide_cell(
+    members: &[DVec3],
+    grid: &Grid,
+    rank: impl Fn(usize) -> u32,
+    means: &mut Vec<DVec3>,
+) {
+    let mut voxels: Vec<([i32; 3], u32, DVec3)> = members
+        .iter()
+        .enumerate()
+        .map(|(place, &point)| (grid.voxel_of(point), rank(place), point))
+        .collect();
+    voxels.sort_unstable_by_key(|&(voxel, rank, _)| (voxel, rank));
+    for voxel in voxels.chunk_by(|a, b| a.0 == b.0) {
+        let sum = voxel.iter().fold(DVec3::ZERO, |sum, member| sum + member.2);
+        means.push(sum / voxel.len() as f64);
+    }
 }
 
 /// The points at 0, k, 2k, …; an error where `k` is 0.
@@ -175,6 +204,16 @@ impl Grid {
     fn voxel_of(&self, point: DVec3) -> [i32; 3] {
         let scaled = (point - self.start) / self.size;
         scaled.to_array().map(|along| along as i32)
+    }
+
+    /// The number of a point's voxel within its cell, by x, then y, then z; `None` where 32 bits are
+    /// not enough.
+    fn number_in_cell(&self) -> Option<impl Fn(DVec3) -> u64 + '_> {
+        let (shift, mask) = (self.shift, (1u64 << self.shift) - 1);
+        (3 * shift <= u32::BITS).then_some(move |point| {
+            let [x, y, z] = self.voxel_of(point).map(|along| along as u64 & mask);
+            x << (2 * shift) | y << shift | z
+        })
     }
 
     /// The number of a point's cell along the curve.

@@ -1,5 +1,6 @@
 //! The similarity between two camera trajectories, found by RANSAC.
 
+use super::quick;
 use super::reach::Reach;
 use super::transform;
 use super::umeyama::{Scale, umeyama};
@@ -12,6 +13,13 @@ use rayon::prelude::*;
 
 /// Candidates drawn from one random stream.
 const BLOCK: usize = 1000;
+/// How far a quick fit may be from the exact one, as a share of the moved centres' spread; where it is
+/// more than this share of the maximal distance the exact one decides.
+const QUICK: f64 = 1e-6;
+/// See [`QUICK`].
+const MOST_SLACK: f64 = 0.005;
+/// The same for the rounding of coordinates far from 0, as a share of these.
+const ROUNDING: f64 = 1e-12;
 /// Refits of the strict rule before it settles for what it has.
 const MAX_REFITS: usize = 100;
 
@@ -165,15 +173,28 @@ struct Judge<'a> {
     target: &'a [DVec3],
     near: Reach,
     options: &'a TrajectoryOptions,
+    /// A length that no two source centres are farther apart than.
+    spread: f64,
+    /// The largest coordinates of either side.
+    farthest: [f64; 2],
 }
 
 impl<'a> Judge<'a> {
     fn new(source: &'a [DVec3], target: &'a [DVec3], options: &'a TrajectoryOptions) -> Self {
+        let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let wider = |(min, max): (DVec3, DVec3), &c: &DVec3| (min.min(c), max.max(c));
+        let (min, max) = source.iter().fold(nowhere, wider);
+        let farthest = |side: &[DVec3]| {
+            let largest = side.iter().map(|c| c.abs().max_element());
+            largest.fold(0.0, f64::max)
+        };
         Self {
             source,
             target,
-            near: Reach::new(target, options.max_distance),
+            near: Reach::new(target, options.max_distance * (1.0 + 2.0 * MOST_SLACK)),
             options,
+            spread: (max - min).length(),
+            farthest: [farthest(source), farthest(target)],
         }
     }
 
@@ -185,7 +206,12 @@ impl<'a> Judge<'a> {
         let mut best: Option<Candidate> = None;
         for _ in 0..count {
             // A draw of coinciding centres fixes no similarity: it has no candidate.
-            let Ok(motion) = self.draw(&mut rng) else {
+            let (source, target) = self.draw(&mut rng);
+            let hopeless = |best| self.is_hopeless(&source, &target, best);
+            if best.as_ref().is_some_and(hopeless) {
+                continue;
+            }
+            let Ok(motion) = umeyama(&source, &target, Scale::Free) else {
                 continue;
             };
             if let Some(candidate) = self.judge(motion, best.as_ref()) {
@@ -195,13 +221,56 @@ impl<'a> Judge<'a> {
         best
     }
 
-    fn draw(&self, rng: &mut ChaCha8Rng) -> Result<DMat4> {
+    /// The corresponding centres of a draw.
+    fn draw(&self, rng: &mut ChaCha8Rng) -> (Vec<DVec3>, Vec<DVec3>) {
         let picks = match self.options.rule {
             Rule::Official => (0..6).map(|_| below(rng, self.source.len())).collect(),
             Rule::Strict => three_different(rng, self.source.len()),
         };
         let pick = |side: &[DVec3]| picks.iter().map(|&index| side[index]).collect::<Vec<_>>();
-        umeyama(&pick(self.source), &pick(self.target), Scale::Free)
+        (pick(self.source), pick(self.target))
+    }
+
+    /// Whether a quick fit shows that the exact one cannot be better than `best`.
+    fn is_hopeless(&self, source: &[DVec3], target: &[DVec3], best: &Candidate) -> bool {
+        let Some((motion, scale)) = quick::similarity(source, target) else {
+            return false;
+        };
+        let far = self.farthest[0] * scale + self.farthest[1];
+        let slack = QUICK * scale * self.spread + ROUNDING * far;
+        let most = self.options.max_distance;
+        if slack.is_nan() || slack > MOST_SLACK * most {
+            return false;
+        }
+        let bound = (most + slack) * (most + slack);
+        let Some(mut may_miss) = self.source.len().checked_sub(best.agreeing) else {
+            return true;
+        };
+        let (mut squares, beaten) = (0.0, best.squares * (1.0 + QUICK));
+        for (i, &centre) in self.source.iter().enumerate() {
+            let square = self.square(i, transform(motion, centre));
+            if square < bound {
+                // (d − slack)² and less.
+                squares += (square - 2.0 * slack * (most + slack)).max(0.0);
+            } else if may_miss == 0 {
+                return true;
+            } else {
+                may_miss -= 1;
+            }
+            if may_miss == 0 && squares > beaten {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The squared distance by which a moved centre is judged.
+    #[inline]
+    fn square(&self, index: usize, moved: DVec3) -> f64 {
+        match self.options.rule {
+            Rule::Official => self.near.nearest_square(moved),
+            Rule::Strict => squared_distance(moved, self.target[index]),
+        }
     }
 
     /// The candidate, or `None` as soon as no centre can agree or it cannot be better than `best`.
@@ -217,10 +286,7 @@ impl<'a> Judge<'a> {
         let mut may_miss = self.source.len().checked_sub(to_beat)?;
         for (i, &centre) in self.source.iter().enumerate() {
             let moved = transform(target_from_source, centre);
-            let square = match self.options.rule {
-                Rule::Official => self.near.nearest_square(moved),
-                Rule::Strict => squared_distance(moved, self.target[i]),
-            };
+            let square = self.square(i, moved);
             if square < bound {
                 candidate.agreeing += 1;
                 candidate.squares += square;
@@ -326,7 +392,8 @@ mod tests {
             let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
             rng.set_stream(block as u64);
             for _ in 0..BLOCK.min(options.iterations - block * BLOCK) {
-                let Ok(motion) = judge.draw(&mut rng) else {
+                let (picked, wanted) = judge.draw(&mut rng);
+                let Ok(motion) = umeyama(&picked, &wanted, Scale::Free) else {
                     continue;
                 };
                 let nearest = |&s: &DVec3| {
