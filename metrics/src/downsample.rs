@@ -43,12 +43,25 @@ pub fn voxel_of(
     let cell = |index: usize| u64::from(grid.cell_of(at(index))) << 32 | index as u64;
     let mut entries: Vec<u64> = (0..count).into_par_iter().map(cell).collect();
     hilbert::radix_sort(&mut entries, &mut Vec::new());
-    let pieces: Vec<Vec<DVec3>> = pieces(&entries)
+    let mut all = vec![DVec3::ZERO; count];
+    let (mut work, mut rest) = (Vec::new(), &mut all[..]);
+    for piece in pieces(&entries) {
+        let (room, left) = rest.split_at_mut(piece.len());
+        work.push((piece, room));
+        rest = left;
+    }
+    let found: Vec<(usize, usize)> = work
         .into_par_iter()
-        .map(|piece| means(piece, &grid, &at, &rank))
+        .map(|(piece, room)| (piece.len(), means(piece, &grid, (&at, &rank), room)))
         .collect();
-    let mut all = Vec::with_capacity(pieces.iter().map(Vec::len).sum());
-    pieces.into_iter().for_each(|piece| all.extend(piece));
+    drop(entries);
+    let (mut first, mut end) = (0, 0);
+    for (room, found) in found {
+        all.copy_within(first..first + found, end);
+        (first, end) = (first + room, end + found);
+    }
+    all.truncate(end);
+    all.shrink_to_fit();
     Ok(all)
 }
 
@@ -81,14 +94,19 @@ fn pieces(mut entries: &[u64]) -> Vec<&[u64]> {
     pieces
 }
 
-/// The means of the voxels in some cells, whose entries are sorted by cell.
+/// Writes the means of the voxels in some cells, whose entries are sorted by cell, from the front on;
+/// how many.
 fn means(
     entries: &[u64],
     grid: &Grid,
-    at: &impl Fn(usize) -> DVec3,
-    rank: &impl Fn(usize) -> u32,
-) -> Vec<DVec3> {
-    let mut means = Vec::with_capacity(entries.len());
+    (at, rank): (&impl Fn(usize) -> DVec3, &impl Fn(usize) -> u32),
+    means: &mut [DVec3],
+) -> usize {
+    let mut count = 0;
+    let mut put = |mean: DVec3| {
+        means[count] = mean;
+        count += 1;
+    };
     let mut members: Vec<DVec3> = Vec::new();
     let mut voxels: Vec<u64> = Vec::new();
     for cell in entries.chunk_by(|a, b| a >> 32 == b >> 32) {
@@ -96,12 +114,7 @@ fn means(
         members.clear();
         members.extend((0..cell.len() as u64).map(|place| at(index(place))));
         let Some(number) = grid.number_in_cell() else {
-            means_of_wide_cell(
-                &members,
-                grid,
-                |place| rank(index(place as u64)),
-                &mut means,
-            );
+            means_of_wide_cell(&members, grid, |place| rank(index(place as u64)), &mut put);
             continue;
         };
         voxels.clear();
@@ -113,10 +126,10 @@ fn means(
                 voxel.sort_unstable_by_key(|&place| rank(index(place)));
             }
             let add = |sum, &place: &u64| sum + members[place as u32 as usize];
-            means.push(voxel.iter().fold(DVec3::ZERO, add) / voxel.len() as f64);
+            put(voxel.iter().fold(DVec3::ZERO, add) / voxel.len() as f64);
         }
     }
-    means
+    count
 }
 
 /// As [`means`] for one cell of more voxels than 32 bits count.
@@ -124,7 +137,7 @@ fn means_of_wide_cell(
     members: &[DVec3],
     grid: &Grid,
     rank: impl Fn(usize) -> u32,
-    means: &mut Vec<DVec3>,
+    mut put: impl FnMut(DVec3),
 ) {
     let mut voxels: Vec<([i32; 3], u32, DVec3)> = members
         .iter()
@@ -134,7 +147,7 @@ fn means_of_wide_cell(
     voxels.sort_unstable_by_key(|&(voxel, rank, _)| (voxel, rank));
     for voxel in voxels.chunk_by(|a, b| a.0 == b.0) {
         let sum = voxel.iter().fold(DVec3::ZERO, |sum, member| sum + member.2);
-        means.push(sum / voxel.len() as f64);
+        put(sum / voxel.len() as f64);
     }
 }
 

@@ -14,6 +14,7 @@ mod extremes;
 mod fuse;
 mod generate;
 mod inspect;
+mod memory;
 mod output;
 mod pairs;
 mod render;

@@ -99,25 +99,16 @@ impl DepthScores {
         ]
     }
 
+    /// From values in the order of [`DepthScores::NAMES`].
     fn of_values(values: [Option<f64>; 10]) -> Self {
-        let [
-            epe,
-            above_1,
-            at_least_1,
-            above_3,
-            at_least_3,
-            absolute,
-            absrel,
-            ..,
-        ] = values;
         Self {
-            epe,
-            above_1,
-            at_least_1,
-            above_3,
-            at_least_3,
-            absolute,
-            absrel,
+            epe: values[0],
+            above_1: values[1],
+            at_least_1: values[2],
+            above_3: values[3],
+            at_least_3: values[4],
+            absolute: values[5],
+            absrel: values[6],
             inlier_1_03: values[7],
             density: values[8],
             ause: values[9],

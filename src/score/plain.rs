@@ -37,7 +37,7 @@ impl Preparation {
     }
 
     /// The order in which points come out.
-    fn order(&self) -> Order {
+    pub(super) fn order(&self) -> Order {
         match self.voxel {
             Some(_) => Order::Spatial,
             None => Order::Any,

@@ -8,6 +8,7 @@ use mvs_metrics::align::transform;
 use mvs_metrics::crop::Prism;
 use mvs_metrics::distance::{self, Listed, Order};
 use mvs_metrics::downsample;
+use std::borrow::Cow;
 
 /// Points handled by one task.
 const BLOCK: usize = 1 << 15;
@@ -138,7 +139,9 @@ impl<'a> Moved<'a> {
         let blocks = parallel::map(points.len().div_ceil(BLOCK), |block| {
             let first = (block * BLOCK) as u32;
             let last = first.saturating_add(BLOCK as u32).min(count);
-            (first..last).filter(inside).collect::<Vec<u32>>()
+            let mut kept: Vec<u32> = (first..last).filter(inside).collect();
+            kept.shrink_to_fit();
+            kept
         });
         let kept = blocks.concat();
         Ok(Self {
@@ -150,13 +153,13 @@ impl<'a> Moved<'a> {
 
     /// Only the points at 0, k, 2k, … of the order given.
     #[must_use]
-    pub fn every_kth(&self, k: usize) -> Self {
+    pub fn every_kth(&self, k: usize) -> Cow<'_, Self> {
         if k <= 1 {
-            return self.clone();
+            return Cow::Borrowed(self);
         }
         let mut kept: Vec<u32> = self.given().step_by(k).collect();
         kept.sort_unstable();
-        Self { kept, ..*self }
+        Cow::Owned(Self { kept, ..*self })
     }
 
     /// The indices kept, in the order in which their points were given.

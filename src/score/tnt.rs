@@ -160,3 +160,14 @@ pub fn evaluate(inputs: &Inputs, truth_from_reconstruction: DMat4) -> Result<Eva
         &preparation(&inputs.crop, inputs.tolerance),
     )
 }
+
+/// As [`evaluate`]; the inputs make room for the distances.
+pub fn evaluate_last(inputs: Inputs, truth_from_reconstruction: DMat4) -> Result<Evaluation> {
+    let preparation = preparation(&inputs.crop, inputs.tolerance);
+    let truth = preparation.apply_to_truth(&inputs.truth)?;
+    drop(inputs.truth);
+    let motion = Some(truth_from_reconstruction);
+    let reconstruction = preparation.apply(&inputs.reconstruction, motion)?;
+    drop(inputs.reconstruction);
+    Evaluation::measure_in(preparation.order(), reconstruction, truth)
+}

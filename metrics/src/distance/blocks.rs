@@ -131,26 +131,42 @@ struct Packed {
     order: Vec<u32>,
 }
 
-impl Packed {
-    /// Finite points on a curve, each chunk of them as a tree.
-    fn new<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Self {
-        let (count, at) = (points.count, &points.at);
-        let mut order = match points.order {
-            Order::Any => hilbert::order(count, at),
-            Order::Spatial => (0..count as u32).collect(),
-        };
-        let mut blocks = vec![Block::EMPTY; count.div_ceil(LANES)];
-        order
-            .par_chunks_mut(CHUNK)
-            .zip(blocks.par_chunks_mut(CHUNK / LANES))
-            .for_each(|(order, blocks)| {
-                let points = hilbert::split(at, order);
-                for (block, points) in blocks.iter_mut().zip(points.chunks(LANES)) {
-                    for lane in 0..LANES {
-                        block.set(lane, points[lane.min(points.len() - 1)]);
-                    }
+/// Writes finite points on a curve, each chunk of them as a tree, into places for blocks; per place in
+/// the blocks, the index of the point as given.
+pub(super) fn pack<F: Fn(usize) -> DVec3 + Sync, B: AsMut<Block> + Send>(
+    points: &Listed<F>,
+    places: &mut [B],
+) -> Vec<u32> {
+    let (count, at) = (points.count, &points.at);
+    let mut order = match points.order {
+        Order::Any => hilbert::order(count, at),
+        Order::Spatial => (0..count as u32).collect(),
+    };
+    order
+        .par_chunks_mut(CHUNK)
+        .zip(places.par_chunks_mut(CHUNK / LANES))
+        .for_each(|(order, places)| {
+            let points = hilbert::split(at, order);
+            for (place, points) in places.iter_mut().zip(points.chunks(LANES)) {
+                let block = place.as_mut();
+                for lane in 0..LANES {
+                    block.set(lane, points[lane.min(points.len() - 1)]);
                 }
-            });
+            }
+        });
+    order
+}
+
+impl AsMut<Block> for Block {
+    fn as_mut(&mut self) -> &mut Self {
+        self
+    }
+}
+
+impl Packed {
+    fn new<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Self {
+        let mut blocks = vec![Block::EMPTY; points.count.div_ceil(LANES)];
+        let order = pack(points, &mut blocks);
         Self { blocks, order }
     }
 
@@ -273,11 +289,6 @@ impl BlockIndex {
                 f64::INFINITY
             }
         })
-    }
-
-    /// Finite points in blocks of neighbours.
-    pub(super) fn blocks_of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Vec<Block> {
-        Packed::new(points).blocks
     }
 
     #[inline(always)]

@@ -10,7 +10,7 @@
 )]
 
 use super::Listed;
-use super::blocks::{Block, BlockIndex, LANES, NOWHERE, around};
+use super::blocks::{Block, BlockIndex, LANES, NOWHERE, around, pack};
 use super::search::{Found, joined, smaller, square_of, squares};
 use super::together::{Neighbourhood, TOGETHER};
 use super::wide::{self, Registers, Width};
@@ -81,6 +81,12 @@ struct Group {
     others: [f32; LANES],
 }
 
+impl AsMut<Block> for Group {
+    fn as_mut(&mut self) -> &mut Block {
+        &mut self.at
+    }
+}
+
 impl<'a> Tracker<'a> {
     /// Tracks finite `source` points, at least one; sums are taken about `centre`.
     pub(crate) fn new<F: Fn(usize) -> DVec3 + Sync>(
@@ -89,17 +95,18 @@ impl<'a> Tracker<'a> {
         max_distance: f64,
         centre: DVec3,
     ) -> Self {
-        let group = |at: Block| Group {
-            at,
+        let empty = Group {
+            at: Block::EMPTY,
             partner: [NONE; LANES],
             others: [0.0; LANES],
         };
-        let blocks = BlockIndex::blocks_of(source);
+        let mut groups = vec![empty; source.count.div_ceil(LANES)];
+        pack(source, &mut groups);
         Self {
             index,
             max_distance,
             centre,
-            groups: blocks.into_iter().map(group).collect(),
+            groups,
             asked: source.count,
             moves: 0,
             registers: Registers::widest(),

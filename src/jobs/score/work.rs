@@ -45,6 +45,27 @@ pub(super) struct Scored {
     voxel: Option<f64>,
 }
 
+/// Where the clouds lie in the frame of the truth.
+struct Boxes {
+    moved: Aabb,
+    truth: Aabb,
+}
+
+impl Boxes {
+    fn of(inputs: &tnt::Inputs, motion: &Motion) -> Self {
+        let motion = motion.truth_from_reconstruction;
+        Self::around(&inputs.reconstruction, &inputs.truth, motion)
+    }
+
+    fn around(reconstruction: &FinitePoints, truth: &FinitePoints, motion: DMat4) -> Self {
+        let moved = reconstruction.iter();
+        Self {
+            moved: Aabb::around(moved.map(|point| motion.transform_point3(point))),
+            truth: Aabb::around(truth.iter()),
+        }
+    }
+}
+
 impl<'a> Work<'a> {
     pub(super) fn new(job: &'a ScoreJob, plan: &'a Plan, context: &'a Context<'a>) -> Self {
         Self {
@@ -81,7 +102,8 @@ impl<'a> Work<'a> {
         let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
         let motion = transform.unwrap_or(DMat4::IDENTITY);
         let mut checks: Vec<Gate> = mesh_gate.into_iter().collect();
-        checks.extend(self.gates_of_place(&evaluation, &reconstruction, &truth, motion)?);
+        let boxes = Boxes::around(&reconstruction, &truth, motion);
+        checks.extend(self.gates_of_place(&evaluation, &boxes)?);
         // The user says that the clouds share a frame: what looks wrong is advice here.
         self.warn_of(&checks);
         let source = match transform {
@@ -104,35 +126,44 @@ impl<'a> Work<'a> {
         let (inputs, mesh_sampling, mesh_gate) = self.read_tnt(folder)?;
         self.next("aligning")?;
         let motion = tnt::align(&inputs, &self.options(profile, self.job.seed))?;
-        self.next("scoring")?;
-        let evaluation = tnt::evaluate(&inputs, motion.truth_from_reconstruction)?;
-        self.next("checking")?;
-        let mut gates: Vec<Gate> = mesh_gate.into_iter().collect();
-        gates.extend(self.gates_of_motion(&motion));
-        gates.extend(self.gates_of_place(
-            &evaluation,
-            &inputs.reconstruction,
-            &inputs.truth,
+        let (at, boxes) = (
             motion.truth_from_reconstruction,
-        )?);
-        self.warn_of(&gates);
+            Boxes::of(&inputs, &motion),
+        );
         let aligned = !matches!(inputs.start, Start::Given(_));
-        let other_profile = if aligned && !self.job.one_profile {
-            self.other_profile(&inputs, &evaluation)?
-        } else {
-            None
-        };
         let source = match inputs.start {
             Start::Trajectories(_) => AlignmentSource::Trajectory,
             Start::Given(_) | Start::Refined(_) => AlignmentSource::Transform,
+        };
+        let tolerance = inputs.tolerance;
+        let other_wanted = aligned && !self.job.one_profile;
+        self.next("scoring")?;
+        // Clouds that nothing asks for later make room for the distances.
+        let (evaluation, inputs) = if other_wanted || self.job.seeds >= 2 {
+            (tnt::evaluate(&inputs, at)?, Some(inputs))
+        } else {
+            (tnt::evaluate_last(inputs, at)?, None)
+        };
+        self.next("checking")?;
+        let mut gates: Vec<Gate> = mesh_gate.into_iter().collect();
+        gates.extend(self.gates_of_motion(&motion));
+        gates.extend(self.gates_of_place(&evaluation, &boxes)?);
+        self.warn_of(&gates);
+        let other_profile = match inputs.as_ref().filter(|_| other_wanted) {
+            Some(inputs) => self.other_profile(inputs, &evaluation)?,
+            None => None,
+        };
+        let spread = match &inputs {
+            Some(inputs) => self.spread(inputs, &evaluation)?,
+            None => None,
         };
         Ok(Scored {
             alignment: Alignment::found(source, &motion, profile),
             gates,
             other_profile,
-            spread: self.spread(&inputs, &evaluation)?,
+            spread,
             mesh_sampling,
-            voxel: Some(inputs.tolerance.get() / 2.0),
+            voxel: Some(tolerance.get() / 2.0),
             evaluation,
         })
     }
@@ -199,18 +230,9 @@ impl<'a> Work<'a> {
     }
 
     /// Whether the clouds, once moved, lie where they should.
-    fn gates_of_place(
-        &self,
-        evaluation: &Evaluation,
-        reconstruction: &FinitePoints,
-        truth: &FinitePoints,
-        motion: DMat4,
-    ) -> Result<Vec<Gate>> {
-        let moved = reconstruction.iter();
-        let moved = Aabb::around(moved.map(|point| motion.transform_point3(point)));
-        let truth = Aabb::around(truth.iter());
+    fn gates_of_place(&self, evaluation: &Evaluation, boxes: &Boxes) -> Result<Vec<Gate>> {
         Ok(vec![
-            gates::of_crop(evaluation, &moved, &truth),
+            gates::of_crop(evaluation, &boxes.moved, &boxes.truth),
             gates::of_tolerances(evaluation, self.plan.tolerances[0])?,
         ])
     }
