@@ -7,7 +7,7 @@ use glam::{DMat3, DMat4, DVec3};
 use mvs_metrics::Tolerance;
 use mvs_metrics::align::{Icp, IcpOptions, Scale, icp_onto};
 use mvs_metrics::crop::Prism;
-use mvs_metrics::distance::{BlockIndex, Listed, Order, listed};
+use mvs_metrics::distance::{Listed, Order, Targets, listed};
 
 /// How many points the last stage leaves as they are (`MAX_POINT_NUMBER` of the toolbox).
 const MOST_POINTS: f64 = 4e6;
@@ -77,13 +77,17 @@ pub fn refine(
         let stage = match thinning {
             Thinning::Voxel(edge) => {
                 let size = edge * tolerance.get();
-                let target = index_of(&listed(&truth.voxels(size)?, Order::Spatial))?;
+                let truth = truth.voxels(size)?;
+                let target = (truth.len(), targets(&listed(&truth, Order::Spatial))?);
+                drop(truth);
                 let source = reconstruction.voxels(size)?;
                 drop(reconstruction);
                 run_stage(&listed(&source, Order::Spatial), target, &options, so_far)
             }
             Thinning::Uniform => {
-                let target = index_of(&truth.every_kth(uniform_step(truth.len())).listed())?;
+                let truth = truth.every_kth(uniform_step(truth.len()));
+                let target = (truth.len(), targets(&truth.listed())?);
+                drop(truth);
                 let step = uniform_step(reconstruction.len());
                 let source = reconstruction.every_kth(step);
                 run_stage(&source.listed(), target, &options, so_far)
@@ -99,9 +103,9 @@ pub fn refine(
 }
 
 /// None for no points.
-fn index_of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Option<BlockIndex>> {
-    let index = (points.count > 0).then(|| BlockIndex::of(points));
-    Ok(index.transpose()?)
+fn targets<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Option<Targets>> {
+    let targets = (points.count > 0).then(|| Targets::of(points));
+    Ok(targets.transpose()?)
 }
 
 /// The toolbox's k: n / 4e6 rounded half to even where n is above 4e6, else 1.
@@ -135,7 +139,7 @@ fn options(profile: Profile, max_distance: f64, tolerance: Tolerance) -> IcpOpti
 
 fn run_stage<F: Fn(usize) -> DVec3 + Sync>(
     source: &Listed<F>,
-    target: Option<BlockIndex>,
+    (truth_points, target): (usize, Option<Targets>),
     options: &IcpOptions,
     so_far: DMat4,
 ) -> Stage {
@@ -154,7 +158,7 @@ fn run_stage<F: Fn(usize) -> DVec3 + Sync>(
     };
     Stage {
         reconstruction_points: source.count,
-        truth_points: target.as_ref().map_or(0, BlockIndex::len),
+        truth_points,
         max_distance: options.max_distance,
         fitness: found.fitness,
         inlier_rmse: found.inlier_rmse,

@@ -2,7 +2,7 @@
 
 use super::transformed;
 use super::umeyama::{Moments, Scale, umeyama};
-use crate::distance::{BlockIndex, Listed, NearestIndex, Order, Tracker, listed, squared_distance};
+use crate::distance::{Listed, NearestIndex, Order, Targets, Tracker, listed, squared_distance};
 use crate::error::{Error, Result};
 use glam::{DMat4, DVec3};
 
@@ -58,7 +58,7 @@ pub struct Icp {
 /// no scale fits. Without any pair the result is the identity with fitness 0.
 pub fn icp(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<Icp> {
     icp_onto(
-        &BlockIndex::new(target)?,
+        &Targets::of(&listed(target, Order::Any))?,
         &listed(source, Order::Any),
         options,
     )
@@ -66,14 +66,14 @@ pub fn icp(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<I
 
 /// As [`icp`], onto a target that has an index already.
 pub fn icp_onto<F: Fn(usize) -> DVec3 + Sync>(
-    target: &BlockIndex,
+    target: &Targets,
     source: &Listed<F>,
     options: &IcpOptions,
 ) -> Result<Icp> {
     check(source, options)?;
     let sum = (0..source.count).fold(DVec3::ZERO, |sum, index| sum + (source.at)(index));
     let centre = sum / source.count as f64;
-    let mut tracker = Tracker::new(target, source, options.max_distance, centre);
+    let mut tracker = Tracker::new(target.index(), source, options.max_distance, centre);
     let pair = |motion| {
         let sums = tracker.moved(motion);
         let update = || match sums.pairs {

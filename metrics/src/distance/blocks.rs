@@ -344,6 +344,23 @@ impl wide::Task for Search<'_> {
     }
 }
 
+/// Points to pair others with: a [`BlockIndex`] that forgot in which order its points were given.
+#[derive(Debug)]
+pub struct Targets(BlockIndex);
+
+impl Targets {
+    /// As [`BlockIndex::of`].
+    pub fn of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Self> {
+        let mut index = BlockIndex::of(points)?;
+        index.points.order = Vec::new();
+        Ok(Self(index))
+    }
+
+    pub(crate) fn index(&self) -> &BlockIndex {
+        &self.0
+    }
+}
+
 fn union(boxes: &[Corners]) -> Corners {
     let wider = |a: Corners, b: &Corners| (a.0.min(b.0), a.1.max(b.1));
     boxes.iter().fold(NOWHERE, wider)

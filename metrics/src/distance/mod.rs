@@ -11,7 +11,7 @@ mod search;
 mod together;
 mod wide;
 
-pub use blocks::BlockIndex;
+pub use blocks::{BlockIndex, Targets};
 pub use oracle::NearestIndex;
 pub(crate) use pairs::{PairSums, Tracker};
 

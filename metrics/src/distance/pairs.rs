@@ -65,6 +65,9 @@ pub(crate) struct Tracker<'a> {
     max_distance: f64,
     centre: DVec3,
     groups: Vec<Group>,
+    /// Per point, no target but the partner is nearer than this. Nothing before the first fine search,
+    /// 0 before that of the point.
+    others: Vec<[f32; LANES]>,
     asked: usize,
     moves: usize,
     registers: Registers,
@@ -77,8 +80,6 @@ struct Group {
     at: Block,
     /// The places of their partners in the index's blocks, or [`NONE`].
     partner: [u32; LANES],
-    /// No target but the partner is nearer than this; 0 before the first search.
-    others: [f32; LANES],
 }
 
 impl AsMut<Block> for Group {
@@ -98,7 +99,6 @@ impl<'a> Tracker<'a> {
         let empty = Group {
             at: Block::EMPTY,
             partner: [NONE; LANES],
-            others: [0.0; LANES],
         };
         let mut groups = vec![empty; source.count.div_ceil(LANES)];
         pack(source, &mut groups);
@@ -107,6 +107,7 @@ impl<'a> Tracker<'a> {
             max_distance,
             centre,
             groups,
+            others: Vec::new(),
             asked: source.count,
             moves: 0,
             registers: Registers::widest(),
@@ -119,17 +120,23 @@ impl<'a> Tracker<'a> {
         let (asked, chunk_size) = (self.asked, GROUPS * LANES);
         let (fine, registers) = (self.moves >= COARSE, self.registers);
         self.moves += 1;
+        if fine {
+            self.others.resize(self.groups.len(), [0.0; LANES]);
+        }
+        let mut others: Vec<&mut [[f32; LANES]]> = self.others.chunks_mut(GROUPS).collect();
+        others.resize_with(self.groups.len().div_ceil(GROUPS), Default::default);
         let sums: Vec<PairSums> = self
             .groups
             .par_chunks_mut(GROUPS)
+            .zip(others)
             .enumerate()
-            .map(|(chunk, groups)| {
+            .map(|(chunk, (groups, others))| {
                 registers.run(Step {
                     index,
                     max_distance,
                     centre,
                     motion,
-                    fine,
+                    others,
                     asked: (asked - chunk * chunk_size).min(chunk_size),
                     groups,
                 })
@@ -145,8 +152,8 @@ struct Step<'a> {
     max_distance: f64,
     centre: DVec3,
     motion: DMat4,
-    /// Whether the distance of all targets but the partners is kept too.
-    fine: bool,
+    /// Where the distance of all targets but the partners is kept too, or nothing.
+    others: &'a mut [[f32; LANES]],
     groups: &'a mut [Group],
     /// Points in the groups.
     asked: usize,
@@ -166,13 +173,14 @@ impl wide::Task for Step<'_> {
                 steps[k] = group.move_by(self.motion);
                 lanes[k] = (self.asked - (nth * TOGETHER + k) * LANES).min(LANES);
             }
-            if self.fine {
-                self::fine(
+            if let Some(others) = self.others.chunks_mut(TOGETHER).nth(nth) {
+                let margins = (&lanes, &steps, others);
+                fine(
                     width,
                     self.index,
                     self.max_distance,
                     groups,
-                    (&lanes, &steps),
+                    margins,
                     &mut near,
                 );
             } else {
@@ -243,7 +251,6 @@ fn coarse(
                 group.partner[lane] = number * LANES as u32 + k;
             }
         }
-        group.others = [0.0; LANES];
     }
 }
 
@@ -254,14 +261,19 @@ fn fine(
     index: &BlockIndex,
     max_distance: f64,
     groups: &mut [Group],
-    (lanes, steps): (&[usize; TOGETHER], &[[f64; LANES]; TOGETHER]),
+    (lanes, steps, others): (
+        &[usize; TOGETHER],
+        &[[f64; LANES]; TOGETHER],
+        &mut [[f32; LANES]],
+    ),
     near: &mut Neighbourhood,
 ) {
     let mut found = [Nearest::NOTHING; TOGETHER];
     let mut corners = [NOWHERE; TOGETHER];
     let mut stale = [0; TOGETHER];
     for (k, group) in groups.iter_mut().enumerate() {
-        stale[k] = group.stale(index, max_distance, lanes[k], &steps[k], &mut found[k]);
+        let margin = (&steps[k], &mut others[k]);
+        stale[k] = group.stale(index, max_distance, lanes[k], margin, &mut found[k]);
         for lane in (0..LANES).filter(|lane| stale[k] >> lane & 1 == 1) {
             corners[k] = around(corners[k], group.at.point(lane));
         }
@@ -276,11 +288,12 @@ fn fine(
         &asking[..groups.len()],
         &mut found[..groups.len()],
     );
-    for ((group, found), stale) in groups.iter_mut().zip(&found).zip(stale) {
+    let results = groups.iter_mut().zip(others).zip(&found).zip(stale);
+    for (((group, others), found), stale) in results {
         for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {
             group.partner[lane] = found.partner[lane];
-            let others = found.second[lane].sqrt() * SAFETY;
-            group.others[lane] = smaller(others, f64::from(f32::MAX)) as f32;
+            let second = found.second[lane].sqrt() * SAFETY;
+            others[lane] = smaller(second, f64::from(f32::MAX)) as f32;
         }
     }
 }
@@ -323,11 +336,11 @@ impl Group {
     /// A bit for each lane whose partner may have changed, with what to ask for it.
     #[inline(always)]
     fn stale(
-        &mut self,
+        &self,
         index: &BlockIndex,
         max_distance: f64,
         lanes: usize,
-        steps: &[f64; LANES],
+        (steps, others): (&[f64; LANES], &mut [f32; LANES]),
         found: &mut Nearest,
     ) -> u32 {
         let partners = self.partners(index);
@@ -335,9 +348,9 @@ impl Group {
         let mut stale = 0u32;
         for lane in 0..LANES {
             known[lane] = squared_distance_at(&self.at, &partners, lane).sqrt();
-            let others = (f64::from(self.others[lane]) - steps[lane]) * SAFETY;
-            self.others[lane] = others as f32;
-            let kept = smaller(known[lane], max_distance) < others;
+            let second = (f64::from(others[lane]) - steps[lane]) * SAFETY;
+            others[lane] = second as f32;
+            let kept = smaller(known[lane], max_distance) < second;
             stale |= u32::from(!kept) << lane;
         }
         stale &= (1 << lanes) - 1;
