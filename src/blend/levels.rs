@@ -51,8 +51,8 @@ pub(super) fn normalize(values: &mut [f32], weights: &[f32]) {
             let (weights, last) = weights.as_chunks::<BLOCK>();
             for (values, weights) in blocks.iter_mut().zip(weights) {
                 let gains = weights.map(|weight| 1.0 / weight);
-                for i in 0..3 * BLOCK {
-                    values[i] *= gains[i / 3];
+                for (i, value) in values.iter_mut().enumerate() {
+                    *value *= gains[i / 3];
                 }
             }
             for (values, weight) in rest.as_chunks_mut::<3>().0.iter_mut().zip(last) {
