@@ -5,8 +5,9 @@ usage: python benches/render_scene.py --binary target/release/mvs-eval --scene D
 Needs numpy, opencv-python and pillow. Per view: mean absolute difference between photograph and render
 on covered pixels (grey levels), and the median sub-pixel shift of blocks of 64 pixels that are covered
 altogether, by phase correlation under a Hann window. The view in `reference/` (ray cast by another
-program) is compared by quantiles of the depth difference. Writes views.csv, reference.csv, summary.csv
-and a picture of photograph, render and four times their difference.
+program) is compared by quantiles of the depth difference, all views with Open3D's RaycastingScene. Writes
+views.csv, reference.csv, open3d.csv, summary.csv and a picture of photograph, render and four times
+their difference. `--spot OBJ` also shows that mesh with the texture beside it. Needs open3d.
 """
 
 import argparse
@@ -107,6 +108,49 @@ def compare_reference(binary, mesh, scene, folder):
     return rows
 
 
+def compare_open3d(binary, mesh, scene, folder):
+    """Every view against Open3D's RaycastingScene: masks, and quantiles of the depth difference."""
+    import open3d as o3d
+
+    both_sides = ("--pixel-center", "integer", "--back-faces", "valid", "--samples", "1")
+    render(binary, mesh, scene / "cams", folder / "all", *both_sides)
+    vertices, triangles = read_obj(mesh)
+    caster = o3d.t.geometry.RaycastingScene(nthreads=1)
+    caster.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(triangles))
+    rows = []
+    for path in sorted((folder / "all" / "depth").glob("*.pfm")):
+        found = read_pfm(path)
+        words = (scene / "cams" / f"{path.stem}_cam.txt").read_text().split()
+        pose, k = np.array(words[1:17], float).reshape(4, 4), np.array(words[18:27], float).reshape(3, 3)
+        row, column = np.mgrid[: found.shape[0], : found.shape[1]]
+        pixels = np.stack([column.ravel(), row.ravel(), np.ones(found.size)])
+        directions = (pose[:3, :3].T @ np.linalg.inv(k) @ pixels).T
+        origin = np.broadcast_to(-pose[:3, :3].T @ pose[:3, 3], directions.shape)
+        rays = np.concatenate([origin, directions], 1).astype(np.float32)
+        truth = caster.cast_rays(o3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy().reshape(found.shape)
+        truth[~np.isfinite(truth)] = 0
+        both = (truth > 0) & (found > 0)
+        relative = np.abs(found[both].astype(float) / truth[both] - 1)
+        counts = {"pixels": int(both.sum()), "only_open3d": int(((truth > 0) & (found == 0)).sum()),
+                  "only_ours": int(((truth == 0) & (found > 0)).sum())}
+        above = {"above_1e-6": int((relative > 1e-6).sum()), "above_1e-3": int((relative > 1e-3).sum())}
+        rows.append({"view": int(path.stem), **counts, **above}
+                    | {f"q{q}": float(np.quantile(relative, q)) for q in QUANTILES})
+    return rows
+
+
+def read_obj(path):
+    """Vertices and triangles of an OBJ whose faces are triangles."""
+    vertices, triangles = [], []
+    for line in path.read_text().splitlines():
+        words = line.split()
+        if words[:1] == ["v"]:
+            vertices.append([float(word) for word in words[1:4]])
+        elif words[:1] == ["f"]:
+            triangles.append([int(word.split("/")[0]) - 1 for word in words[1:4]])
+    return np.array(vertices, np.float32), np.array(triangles, np.uint32)
+
+
 def write(path, rows):
     with open(path, "w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys())
@@ -198,6 +242,8 @@ def main():
         write(options.out / "views.csv", rows)
         reference = compare_reference(options.binary, mesh, options.scene, pathlib.Path(folder))
         write(options.out / "reference.csv", reference)
+        open3d = compare_open3d(options.binary, mesh, options.scene, pathlib.Path(folder))
+        write(options.out / "open3d.csv", open3d)
         picture(options.out / "saharov.jpg", [pictures[number] for number in (0, 9)])
     column = lambda name: np.array([row[name] for row in rows])
     worst = np.maximum(abs(column("shift_x")), abs(column("shift_y")))

@@ -1,8 +1,9 @@
 //! What visibility and exact maps cost, for `benches/render_visibility.py`.
 //!
 //! usage: `render_visibility REPEATS SIDE...`: for each terrain of SIDE × SIDE cells one JSON line;
-//! or `render_visibility leaks RAYS`: how many rays aimed at edges and corners of closed meshes from
-//! inside slip through.
+//! `render_visibility leaks RAYS`: how many rays aimed at edges and corners of closed meshes from
+//! inside slip through; `render_visibility arbitrate SIDE...`: how many pixels of the same views differ
+//! from the exact test of every candidate in f64, one ray at a time.
 
 #![allow(
     clippy::print_stdout,
@@ -10,10 +11,15 @@
     reason = "a measuring program: it prints, and stops where anything is wrong"
 )]
 
+#[path = "../tests/it/render/shapes.rs"]
+mod shapes;
+
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{Camera, Mesh, Pose, View};
 use mvs_eval::parallel;
-use mvs_eval::render::{Renderer, Seen};
+use mvs_eval::render::oracle::Oracle;
+use mvs_eval::render::{BackFaces, RenderOptions, Renderer, Seen};
+use shapes::{Noise, terrain};
 use std::fs;
 
 const EYES: [DVec3; 3] = [
@@ -21,23 +27,6 @@ const EYES: [DVec3; 3] = [
     DVec3::new(-1.1, 0.3, 0.5),
     DVec3::new(0.1, 0.2, 1.6),
 ];
-
-/// Hills over a square, `side` × `side` cells of two triangles.
-fn terrain(side: u32) -> Mesh {
-    let at = |i: u32| f64::from(i) / f64::from(side) * 2.0 - 1.0;
-    let height =
-        |x: f64, y: f64| 0.1 * (7.0 * x).sin() * (5.0 * y).cos() + 0.02 * (40.0 * x * y).sin();
-    let vertices = (0..=side)
-        .flat_map(|j| (0..=side).map(move |i| DVec3::new(at(i), at(j), height(at(i), at(j)))));
-    let cell = |i: u32, j: u32| {
-        let a = j * (side + 1) + i;
-        [[a, a + 1, a + side + 2], [a, a + side + 2, a + side + 1]]
-    };
-    let triangles = (0..side)
-        .flat_map(|j| (0..side).flat_map(move |i| cell(i, j)))
-        .collect();
-    Mesh::new(vertices.collect(), triangles).unwrap()
-}
 
 /// A unit sphere of latitude and longitude, `rings` from pole to pole, each pole one vertex.
 fn sphere(rings: u32) -> Mesh {
@@ -104,6 +93,16 @@ fn timed(batches: usize, mut work: impl FnMut()) -> f64 {
     times[times.len() / 2]
 }
 
+fn view_from(eye: DVec3) -> View {
+    View {
+        id: 0,
+        name: String::new(),
+        camera: Camera::new(2048, 1536, DVec2::splat(1600.0), DVec2::new(1024.0, 768.0)).unwrap(),
+        pose: Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.0, 1.0)).unwrap(),
+        depth_range: None,
+    }
+}
+
 fn measure(side: u32, repeats: usize) {
     let mesh = terrain(side);
     let count = mesh.triangles().len() as f64;
@@ -112,16 +111,8 @@ fn measure(side: u32, repeats: usize) {
     let renderer = Renderer::new(&mesh).unwrap();
     let build = cpu() - start;
     let build_peak = peak() - held;
-    let camera = Camera::new(2048, 1536, DVec2::splat(1600.0), DVec2::new(1024.0, 768.0)).unwrap();
     let mut rows = Vec::new();
-    for eye in EYES {
-        let view = View {
-            id: 0,
-            name: String::new(),
-            camera,
-            pose: Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.0, 1.0)).unwrap(),
-            depth_range: None,
-        };
+    for view in EYES.map(view_from) {
         let mut seen = Seen::default();
         let hits = renderer.visible_count(&view);
         renderer.see(&view, &mut seen).unwrap();
@@ -140,23 +131,6 @@ fn measure(side: u32, repeats: usize) {
         peak(),
         rows.join(", ")
     );
-}
-
-/// Numbers between -1 and 1 that look random and never change.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next(), self.next(), self.next())
-    }
 }
 
 fn leaks(rays: usize) {
@@ -190,11 +164,45 @@ fn leaks(rays: usize) {
     }
 }
 
+/// Pixels of a view that are wrong: another mask, or another depth or normal in any bit.
+fn wrong_pixels(mesh: &Mesh, view: &View) -> usize {
+    let options = RenderOptions {
+        samples: 1,
+        back_faces: BackFaces::Valid,
+        ..RenderOptions::default()
+    };
+    let exact = Oracle::new(mesh).render(view, &options).unwrap();
+    let mut seen = Seen::default();
+    Renderer::new(mesh).unwrap().see(view, &mut seen).unwrap();
+    let found = seen.depth.iter().zip(&seen.normals);
+    let expected = exact.depth.values().iter().zip(exact.normals.values());
+    let both = found.zip(expected);
+    both.filter(|((depth, normal), (z, n))| depth.to_bits() != z.to_bits() || normal != n)
+        .count()
+}
+
+fn arbitrate(side: u32) {
+    let mesh = terrain(side);
+    for (index, view) in EYES.map(view_from).iter().enumerate() {
+        let wrong = wrong_pixels(&mesh, view);
+        let pixels = 2048 * 1536;
+        println!(
+            r#"{{"triangles": {}, "view": {index}, "pixels": {pixels}, "wrong": {wrong}}}"#,
+            mesh.triangles().len()
+        );
+    }
+}
+
 fn main() {
     let numbers: Vec<String> = std::env::args().skip(1).collect();
     let number = |index: usize| numbers[index].parse().unwrap();
     let work = || match numbers[0].as_str() {
         "leaks" => leaks(number(1)),
+        "arbitrate" => {
+            for index in 1..numbers.len() {
+                arbitrate(u32::try_from(number(index)).unwrap());
+            }
+        }
         _ => {
             for index in 1..numbers.len() {
                 measure(u32::try_from(number(index)).unwrap(), number(0));

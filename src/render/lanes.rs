@@ -64,6 +64,10 @@ pub(crate) trait Task {
 /// Runs a task with the best instructions of this machine.
 #[inline]
 pub(crate) fn dispatch<T: Task>(task: T) -> T::Output {
+    #[cfg(test)]
+    if forced::is_plain() {
+        return task.run(Plain);
+    }
     #[cfg(target_arch = "x86_64")]
     if let Some(wide) = pulp::x86::V3::try_new() {
         return wide.vectorize(
@@ -72,6 +76,23 @@ pub(crate) fn dispatch<T: Task>(task: T) -> T::Output {
         );
     }
     task.run(Plain)
+}
+
+/// Lets a test have whole pictures made without the machine's best instructions. Tests beside it may
+/// be met by this, which must not change what they find.
+#[cfg(test)]
+pub(crate) mod forced {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    static PLAIN: AtomicBool = AtomicBool::new(false);
+
+    pub(crate) fn plain(on: bool) {
+        PLAIN.store(on, Ordering::SeqCst);
+    }
+
+    pub(super) fn is_plain() -> bool {
+        PLAIN.load(Ordering::SeqCst)
+    }
 }
 
 /// The lanes whose bit is set.

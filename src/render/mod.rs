@@ -31,6 +31,8 @@ mod texture;
 mod tile;
 mod tree;
 mod triangle;
+#[cfg(test)]
+mod widths;
 
 use crate::error::{Error, Result};
 use crate::parallel;
