@@ -3,7 +3,8 @@
 //! usage: `render_visibility REPEATS SIDE...`: for each terrain of SIDE × SIDE cells one JSON line;
 //! `render_visibility leaks RAYS`: how many rays aimed at edges and corners of closed meshes from
 //! inside slip through; `render_visibility arbitrate SIDE...`: how many pixels of the same views differ
-//! from the exact test of every candidate in f64, one ray at a time.
+//! from the exact test of every candidate in f64, one ray at a time; `render_visibility lens SIDE...`:
+//! the same views through a lens, drawn and traced.
 
 #![allow(
     clippy::print_stdout,
@@ -12,10 +13,11 @@
 )]
 
 #[path = "../tests/it/render/shapes.rs"]
+#[allow(dead_code, reason = "shared with the tests")]
 mod shapes;
 
 use glam::{DVec2, DVec3};
-use mvs_datasets::scene::{Camera, Mesh, Pose, View};
+use mvs_datasets::scene::{Camera, Distortion, Mesh, Pose, View};
 use mvs_eval::parallel;
 use mvs_eval::render::oracle::Oracle;
 use mvs_eval::render::{BackFaces, RenderOptions, Renderer, Seen};
@@ -193,11 +195,53 @@ fn arbitrate(side: u32) {
     }
 }
 
+/// A view through a lens: what it sees, drawn; its rays alone; the same rays traced one by one.
+fn through_lens(side: u32) {
+    let mesh = terrain(side);
+    let renderer = Renderer::new(&mesh).unwrap();
+    for (index, mut view) in EYES.map(view_from).into_iter().enumerate() {
+        let lens = Distortion::RadialTangential {
+            radial: [-0.2, 0.05, 0.0, 0.0, 0.0, 0.0],
+            tangential: [2e-3, -1e-3],
+        };
+        view.camera = view.camera.with_distortion(lens).unwrap();
+        let pixels = (0..2048 * 1536).map(|i| DVec2::new(f64::from(i % 2048), f64::from(i / 2048)));
+        let mut directions = Vec::new();
+        let rays = timed_once(|| {
+            let direction = |pixel| view.pose.direction_to_world(view.camera.ray(pixel + 0.5));
+            directions = pixels.map(direction).collect();
+        });
+        let mut hits = 0;
+        let drawn = timed_once(|| hits = renderer.visible_count(&view));
+        let mut traced_hits = 0;
+        let traced = timed_once(|| {
+            let eye = view.pose.center_in_world();
+            let found = renderer.first_hits(eye, &directions, (0.0, f64::INFINITY));
+            traced_hits = found.iter().flatten().count();
+        });
+        println!(
+            r#"{{"triangles": {}, "view": {index}, "hits": {hits}, "traced_hits": {traced_hits}, "rays_s": {rays}, "drawn_s": {drawn}, "traced_s": {traced}}}"#,
+            mesh.triangles().len()
+        );
+    }
+}
+
+fn timed_once(work: impl FnOnce()) -> f64 {
+    let start = cpu();
+    work();
+    cpu() - start
+}
+
 fn main() {
     let numbers: Vec<String> = std::env::args().skip(1).collect();
     let number = |index: usize| numbers[index].parse().unwrap();
     let work = || match numbers[0].as_str() {
         "leaks" => leaks(number(1)),
+        "lens" => {
+            for index in 1..numbers.len() {
+                through_lens(u32::try_from(number(index)).unwrap());
+            }
+        }
         "arbitrate" => {
             for index in 1..numbers.len() {
                 arbitrate(u32::try_from(number(index)).unwrap());

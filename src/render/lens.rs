@@ -12,12 +12,14 @@ use super::cluster::Cluster;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes};
 use super::tile::DOUBT;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 /// Rounding of one f32 number, relative, doubled.
 pub(crate) const ULP: f32 = 1.2e-7;
 /// Clusters whose vertices may be off by more samples than this are tested exactly.
 const MOST_ERROR: f32 = 0.05;
+/// By how much the place of a sample behind a lens may be off: the rounding of a number up to 128.
+const SAMPLE_ERROR: f32 = 1e-5;
 /// Places for the vertices of a cluster: any u8 is one.
 pub(crate) const PLACES: usize = 256;
 
@@ -27,6 +29,24 @@ pub(crate) struct Place<'e> {
     pub(crate) eye: &'e Eye<'e>,
     pub(crate) column: usize,
     pub(crate) row: usize,
+}
+
+/// Where a tile's samples lie on the plane at depth 1: sample (0, 0), the first, at -shift / focal.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Grid {
+    pub(crate) focal: DVec2,
+    pub(crate) shift: DVec2,
+}
+
+impl Grid {
+    /// The samples of a pinhole from a place on.
+    pub(crate) fn of(place: &Place<'_>) -> Self {
+        let first = DVec2::new(place.column as f64, place.row as f64) + 0.5;
+        Self {
+            focal: place.eye.focal,
+            shift: place.eye.principal - first,
+        }
+    }
 }
 
 /// x · z, y · z and z of a point as linear functions of its coordinates, x and y being sample
@@ -51,44 +71,39 @@ pub(crate) struct Projected {
     pub(crate) error: f32,
     /// Least x, greatest x, least y, greatest y.
     pub(crate) extent: [f32; 4],
+    /// How far samples are from whole numbers at most.
+    pub(crate) away: f32,
 }
 
 impl Projected {
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(away: f32) -> Self {
         Self {
             x: [0.0; PLACES],
             y: [0.0; PLACES],
             nearness: [0.0; PLACES],
             error: 0.0,
             extent: [0.0; 4],
+            away,
         }
     }
 }
 
 impl Lens {
-    pub(crate) fn new(place: &Place<'_>) -> Self {
-        let eye = place.eye;
+    pub(crate) fn new(eye: &Eye<'_>, grid: &Grid) -> Self {
         let [right, down, ahead] = [0, 1, 2].map(|row| eye.rotation.row(row));
-        let shift = [
-            eye.principal.x - place.column as f64 - 0.5,
-            eye.principal.y - place.row as f64 - 0.5,
-        ];
+        let Grid { focal, shift } = *grid;
         let rows = [
-            eye.focal.x * right + shift[0] * ahead,
-            eye.focal.y * down + shift[1] * ahead,
+            focal.x * right + shift.x * ahead,
+            focal.y * down + shift.y * ahead,
             ahead,
         ];
         let center = eye.center_in_cam;
         let offsets = [
-            eye.focal.x * center.x + shift[0] * center.z,
-            eye.focal.y * center.y + shift[1] * center.z,
+            focal.x * center.x + shift.x * center.z,
+            focal.y * center.y + shift.y * center.z,
             center.z,
         ];
-        let lever = [
-            eye.focal.x + shift[0].abs(),
-            eye.focal.y + shift[1].abs(),
-            1.0,
-        ];
+        let lever = [focal.x + shift.x.abs(), focal.y + shift.y.abs(), 1.0];
         Self {
             rows,
             offsets,
@@ -191,7 +206,10 @@ impl Lens {
             clippy::cast_possible_truncation,
             reason = "a bound with room to spare"
         )]
-        let error = (1.05 * (projected + rounded)) as f32;
+        let mut error = (1.05 * (projected + rounded)) as f32;
+        if to.away > 0.0 {
+            error += SAMPLE_ERROR;
+        }
         to.error = error;
         error < MOST_ERROR
     }

@@ -1,13 +1,13 @@
-//! What the samples of a tile see: through a pinhole by rasterising, through a lens and past cut-out
-//! surface by rays.
+//! What the samples of a tile see: by rasterising, past cut-out surface by rays.
 
 use super::Visible;
+use super::bent::Bent;
 use super::clusters::Clusters;
 use super::lens::Place;
 use super::rays::Probe;
 use super::scan::scan;
 use super::surface::Frame;
-use super::tile::{SIZE, STRIDE, Spot, Tile};
+use super::tile::{Spot, Tile};
 use glam::DVec3;
 
 /// The tree of a mesh, and the largest distance from its centre.
@@ -21,8 +21,16 @@ pub(crate) struct Scenery<'s> {
 pub(crate) struct Look<'p> {
     place: Place<'p>,
     tile: Tile,
-    /// Behind a lens: the direction of each sample, NaN where no ray is bent to it.
-    bent: Vec<DVec3>,
+    /// Where a lens bends rays.
+    behind: Behind,
+}
+
+/// What bends the rays of a tile.
+enum Behind {
+    Pinhole,
+    Lens(Bent),
+    /// A lens that bends no ray to any sample.
+    Nothing,
 }
 
 impl<'p> Look<'p> {
@@ -32,40 +40,22 @@ impl<'p> Look<'p> {
         place: Place<'p>,
         (width, height): (usize, usize),
     ) -> Self {
-        if place.eye.is_bent() {
-            return Self::through_lens(scenery, place, (width, height));
-        }
-        let tile = scan(scenery.clusters, &place, (width, height));
+        let behind = match place.eye.is_bent() {
+            false => Behind::Pinhole,
+            true => Bent::new(&place, (width, height)).map_or(Behind::Nothing, Behind::Lens),
+        };
+        let tile = match &behind {
+            Behind::Pinhole => scan(scenery.clusters, (&place, None), (width, height)),
+            Behind::Lens(bent) => scan(scenery.clusters, (&place, Some(bent)), (width, height)),
+            Behind::Nothing => Tile::new(width, height),
+        };
         let mut look = Self {
             place,
             tile,
-            bent: Vec::new(),
+            behind,
         };
         if place.eye.frame.has_cutouts() {
             look.pass_cutouts(scenery, (width, height));
-        }
-        look
-    }
-
-    fn through_lens(
-        scenery: Scenery<'_>,
-        place: Place<'p>,
-        (width, height): (usize, usize),
-    ) -> Self {
-        let mut look = Self {
-            place,
-            tile: Tile::new(width, height),
-            bent: vec![DVec3::NAN; STRIDE * SIZE],
-        };
-        for spot in spots(width, height) {
-            let direction = place
-                .eye
-                .direction(place.column + spot.column, place.row + spot.row);
-            look.bent[spot.index()] = direction;
-            if direction.is_finite() {
-                look.tile
-                    .put(spot, trace(scenery, &place.eye.frame, direction));
-            }
         }
         look
     }
@@ -102,13 +92,16 @@ impl<'p> Look<'p> {
 
     /// The direction of a sample in the camera frame at depth 1; NaN where the lens has none.
     pub(crate) fn direction(&self, spot: Spot) -> DVec3 {
-        if self.bent.is_empty() {
-            let place = &self.place;
-            return place
-                .eye
-                .direction(place.column + spot.column, place.row + spot.row);
+        match &self.behind {
+            Behind::Pinhole => {
+                let place = &self.place;
+                place
+                    .eye
+                    .direction(place.column + spot.column, place.row + spot.row)
+            }
+            Behind::Lens(bent) => bent.directions[spot.index()],
+            Behind::Nothing => DVec3::NAN,
         }
-        self.bent[spot.index()]
     }
 
     /// The visible triangles of samples side by side from `first` on, [`NONE`] where there is none.
@@ -133,7 +126,11 @@ impl<'p> Look<'p> {
 
     /// Whether a ray belongs to a sample.
     pub(crate) fn has_ray(&self, spot: Spot) -> bool {
-        self.bent.is_empty() || self.bent[spot.index()].is_finite()
+        match &self.behind {
+            Behind::Pinhole => true,
+            Behind::Lens(bent) => bent.has_ray(spot.index()),
+            Behind::Nothing => false,
+        }
     }
 }
 

@@ -43,7 +43,7 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
                 row,
             };
             let columns = SIZE.min(width - column);
-            let tile = scan(clusters, &place, (columns, rows));
+            let tile = scan(clusters, (&place, None), (columns, rows));
             for maps in &mut *maps {
                 resolver.resolve((&place, &tile), (columns, rows), (maps, width, column));
             }

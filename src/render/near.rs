@@ -2,6 +2,7 @@
 //! blocks are ruled out by homogeneous edge functions, every sample left is tested exactly. Nothing
 //! is clipped: the exact test knows what is in front.
 
+use super::bent::Bent;
 use super::lens::Place;
 use super::tile::{BLOCK, Spot, Tile};
 use glam::DVec3;
@@ -10,9 +11,14 @@ use glam::DVec3;
 const ROUNDING: f64 = 1e-13;
 
 /// Offers a triangle to all samples that see it between two corners of the tile, both included.
-pub(crate) fn draw(tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to): (Spot, Spot)) {
+pub(crate) fn draw(
+    tile: &mut Tile,
+    (place, bent): (&Place<'_>, Option<&Bent>),
+    triangle: u32,
+    (from, to): (Spot, Spot),
+) {
     if to.column - from.column < BLOCK && to.row - from.row < BLOCK {
-        return draw_block(tile, place, triangle, (from, to));
+        return draw_block(tile, (place, bent), triangle, (from, to));
     }
     let corners = place.eye.frame.corners(triangle as usize);
     if corners.iter().all(|corner| corner.z <= 0.0) {
@@ -29,15 +35,26 @@ pub(crate) fn draw(tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to)
     for row in (from.row..=to.row).step_by(BLOCK) {
         for column in (from.column..=to.column).step_by(BLOCK) {
             let corner = Spot { column, row };
-            if sides.may_cover(place, corner) {
-                let last = Spot {
-                    column: to.column.min(column + BLOCK - 1),
-                    row: to.row.min(row + BLOCK - 1),
-                };
-                draw_block(tile, place, triangle, (corner, last));
+            let last = Spot {
+                column: to.column.min(column + BLOCK - 1),
+                row: to.row.min(row + BLOCK - 1),
+            };
+            let around = match bent {
+                Some(bent) => bent.corners((corner, last)),
+                None => Some(around(place, corner)),
+            };
+            if around.is_some_and(|directions| sides.may_cover(directions)) {
+                draw_block(tile, (place, bent), triangle, (corner, last));
             }
         }
     }
+}
+
+/// Directions around a block of a pinhole's samples.
+fn around(place: &Place<'_>, corner: Spot) -> [DVec3; 4] {
+    let (left, top) = (place.column + corner.column, place.row + corner.row);
+    let ends = [(0, 0), (BLOCK, 0), (0, BLOCK), (BLOCK, BLOCK)];
+    ends.map(|(x, y)| place.eye.direction(left + x, top + y))
 }
 
 /// Planes through the camera and each edge.
@@ -47,11 +64,8 @@ struct Sides {
 }
 
 impl Sides {
-    /// Whether some direction of the block may lie on the same side of all three planes.
-    fn may_cover(&self, place: &Place<'_>, corner: Spot) -> bool {
-        let (left, top) = (place.column + corner.column, place.row + corner.row);
-        let ends = [(0, 0), (BLOCK, 0), (0, BLOCK), (BLOCK, BLOCK)];
-        let directions = ends.map(|(x, y)| place.eye.direction(left + x, top + y));
+    /// Whether some direction between four may lie on the same side of all three planes.
+    fn may_cover(&self, directions: [DVec3; 4]) -> bool {
         let slack = self.slack * directions.iter().fold(0.0f64, |m, d| m.max(d.length()));
         let beyond = |sign: f64| {
             self.normals
@@ -62,11 +76,23 @@ impl Sides {
     }
 }
 
-fn draw_block(tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to): (Spot, Spot)) {
+fn draw_block(
+    tile: &mut Tile,
+    (place, bent): (&Place<'_>, Option<&Bent>),
+    triangle: u32,
+    (from, to): (Spot, Spot),
+) {
     let facet = place.eye.frame.facet(triangle as usize);
     for row in from.row..=to.row {
         for column in from.column..=to.column {
-            let direction = place.eye.direction(place.column + column, place.row + row);
+            let spot = Spot { column, row };
+            let direction = match bent {
+                Some(bent) => bent.directions[spot.index()],
+                None => place.eye.direction(place.column + column, place.row + row),
+            };
+            if !direction.is_finite() {
+                continue;
+            }
             let Some(crossing) = facet.cross(direction) else {
                 continue;
             };
@@ -79,7 +105,7 @@ fn draw_block(tile: &mut Tile, place: &Place<'_>, triangle: u32, (from, to): (Sp
                 reason = "well below the tile's doubt"
             )]
             let nearness = (1.0 / crossing.distance) as f32;
-            tile.offer(Spot { column, row }, (triangle, nearness), exact);
+            tile.offer(spot, (triangle, nearness), exact);
         }
     }
     tile.touch(from, to);

@@ -6,10 +6,12 @@
     reason = "columns are walked side by side, and closures would leave the instruction set"
 )]
 
+use super::bent::Bent;
 use super::cluster::{self, Cluster};
 use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Lens, PLACES, Place, Projected, ULP};
 use super::near;
+use super::strokes::Stored;
 use super::tile::{DOUBT, SIZE, STRIDE, Spot, Tile};
 
 /// The first and the last sample of a tile.
@@ -26,6 +28,8 @@ const LAST: f32 = (SIZE - 1) as f32;
 pub(crate) struct Brush<'t> {
     pub(crate) tile: &'t mut Tile,
     pub(crate) place: &'t Place<'t>,
+    /// What a lens does to the samples.
+    pub(crate) bent: Option<&'t Bent>,
     pub(crate) lens: &'t Lens,
     pub(crate) scratch: &'t mut Projected,
 }
@@ -36,22 +40,25 @@ impl Brush<'_> {
     }
 
     fn draw_exactly(&mut self, triangle: u32, from_to: (Spot, Spot)) {
-        near::draw(self.tile, self.place, triangle, from_to);
+        near::draw(self.tile, (self.place, self.bent), triangle, from_to);
     }
 
     /// Offers a triangle where f32 is in doubt about what is nearer or, without a known nearness,
     /// about whether the sample sees the triangle at all.
     #[cold]
     #[inline(never)]
-    fn settle(&mut self, index: usize, triangle: u32, known: Option<f32>) {
+    pub(super) fn settle(&mut self, index: usize, triangle: u32, known: Option<f32>) {
         let spot = Spot {
             column: index % STRIDE,
             row: index / STRIDE,
         };
         let place = self.place;
-        let direction = place
-            .eye
-            .direction(place.column + spot.column, place.row + spot.row);
+        let direction = match self.bent {
+            Some(bent) => bent.directions[index],
+            None => place
+                .eye
+                .direction(place.column + spot.column, place.row + spot.row),
+        };
         let exact = |triangle: u32| {
             let crossing = place.eye.frame.cross(triangle as usize, direction);
             crossing.map(|crossing| crossing.distance)
@@ -78,7 +85,7 @@ impl Task for Draw<'_, '_> {
             }
             return;
         }
-        let error = brush.scratch.error;
+        let error = brush.scratch.error + brush.scratch.away;
         let [left, right, top, bottom] = brush.scratch.extent;
         let (Some(columns), Some(rows)) = (
             covered(left - error, right + error),
@@ -155,7 +162,7 @@ fn gather<L: Lanes>(l: L, values: &[f32; PLACES], places: &[[u8; LANES]; 3]) -> 
 
 /// Least and greatest of three.
 #[inline(always)]
-fn spread<L: Lanes>(l: L, [a, b, c]: [L::V; 3]) -> (L::V, L::V) {
+pub(super) fn spread<L: Lanes>(l: L, [a, b, c]: [L::V; 3]) -> (L::V, L::V) {
     (l.min(l.min(a, b), c), l.max(l.max(a, b), c))
 }
 
@@ -173,11 +180,11 @@ impl<L: Lanes> Group<L> {
     #[inline(always)]
     fn new(l: L, scratch: &Projected, (numbers, used): (&cluster::Group, usize)) -> Option<Self> {
         let places = cluster::places(numbers);
-        let error = l.splat(scratch.error);
+        let reach = l.splat(scratch.error + scratch.away);
         let xs = gather(l, &scratch.x, &places);
-        let columns = samples(l, xs, error);
+        let columns = samples(l, xs, reach);
         let ys = gather(l, &scratch.y, &places);
-        let rows = samples(l, ys, error);
+        let rows = samples(l, ys, reach);
         let none = l.less(columns[1], columns[0]) | l.less(rows[1], rows[0]);
         let alive = ALL >> (LANES - used) & !none;
         if alive == 0 {
@@ -188,7 +195,7 @@ impl<L: Lanes> Group<L> {
             l,
             [xs, ys, nearness],
             (columns, rows),
-            (error, alive),
+            (scratch, alive),
         ))
     }
 
@@ -197,7 +204,7 @@ impl<L: Lanes> Group<L> {
         l: L,
         [xs, ys, nearness]: [[L::V; 3]; 3],
         (columns, rows): ([L::V; 2], [L::V; 2]),
-        (error, alive): (L::V, u32),
+        (scratch, alive): (&Projected, u32),
     ) -> Self {
         let (ux, uy) = (l.sub(xs[1], xs[0]), l.sub(ys[1], ys[0]));
         let (vx, vy) = (l.sub(xs[2], xs[0]), l.sub(ys[2], ys[0]));
@@ -205,7 +212,9 @@ impl<L: Lanes> Group<L> {
         let size = l.abs(area);
         let extent = l.add(l.add(l.abs(ux), l.abs(uy)), l.add(l.abs(vx), l.abs(vy)));
         // Corners that are off, then the roundings of the functions up to a few lanes beyond.
-        let rounding = l.mul(l.add(extent, l.splat(8.0)), l.splat(8.0 * ULP));
+        let error = l.splat(scratch.error);
+        let beyond = l.splat(8.0 + 2.0 * scratch.away);
+        let rounding = l.mul(l.add(extent, beyond), l.splat(8.0 * ULP));
         let doubt = l.mul(l.mul_add(error, l.splat(3.0), rounding), extent);
         let (low, high) = spread(l, nearness);
         // Inside, nearness is a mean of the corners', weighted by the functions.
@@ -248,6 +257,7 @@ impl<L: Lanes> Group<L> {
         let one = l.splat(1.0);
         let large = l.less(l.add(self.columns[0], one), self.columns[1])
             | l.less(l.add(self.rows[0], one), self.rows[1]);
+        let large = if brush.bent.is_some() { ALL } else { large };
         let good = self.alive & self.fine;
         if good & !large != 0 {
             self.draw_small(l, brush, numbers, good & !large);
@@ -316,8 +326,13 @@ impl<L: Lanes> Group<L> {
     #[inline(always)]
     fn draw_large(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group, bits: u32) {
         let stored = self.stored(l);
+        let bent = brush.bent;
         for lane in SetBits(bits) {
-            stored.draw(l, brush, (lane, cluster::number(numbers, lane)));
+            let which = (lane, cluster::number(numbers, lane));
+            match bent {
+                None => stored.draw(l, brush, which),
+                Some(bent) => stored.draw_bent(l, brush, bent, which),
+            }
         }
     }
 
@@ -352,117 +367,14 @@ impl<L: Lanes> Group<L> {
     }
 }
 
-/// A [`Group`] in memory.
-struct Stored {
-    columns: [[f32; LANES]; 2],
-    rows: [[f32; LANES]; 2],
-    at: [[f32; LANES]; 3],
-    along_x: [[f32; LANES]; 3],
-    along_y: [[f32; LANES]; 3],
-    nearness: [[f32; LANES]; 3],
-    doubt: [f32; LANES],
-    nearest: [f32; LANES],
-}
-
-const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-
-impl Stored {
-    #[inline(always)]
-    fn draw<L: Lanes>(&self, l: L, brush: &mut Brush<'_>, (lane, triangle): (usize, u32)) {
-        let from = spot(self.columns[0][lane], self.rows[0][lane]);
-        let to = spot(self.columns[1][lane], self.rows[1][lane]);
-        let steps = l.load(&STEPS);
-        let doubt = l.splat(self.doubt[lane]);
-        let below = l.splat(-self.doubt[lane]);
-        let nearness = [
-            l.splat(self.nearness[0][lane]),
-            l.splat(self.nearness[1][lane]),
-            l.splat(self.nearness[2][lane]),
-        ];
-        for first in (from.column..=to.column).step_by(LANES) {
-            let mut start = [steps; 3];
-            let mut down = [steps; 3];
-            let right = (first - from.column) as f32;
-            for edge in 0..3 {
-                let along = self.along_x[edge][lane];
-                let corner = l.splat(self.at[edge][lane] + along * right);
-                start[edge] = l.mul_add(l.splat(along), steps, corner);
-                down[edge] = l.splat(self.along_y[edge][lane]);
-            }
-            let (one, mut y) = (l.splat(1.0), l.splat(0.0));
-            for row in from.row..=to.row {
-                let mut at = start;
-                for edge in 0..3 {
-                    at[edge] = l.mul_add(down[edge], y, start[edge]);
-                }
-                y = l.add(y, one);
-                let least = l.min(l.min(at[0], at[1]), at[2]);
-                let beside = l.below(least, below);
-                if l.bits(beside) == ALL {
-                    continue;
-                }
-                let inside = l.below(doubt, least);
-                let near = weighted(l, at, nearness);
-                let index = row * STRIDE + first;
-                let unsettled =
-                    brush
-                        .tile
-                        .try_offer_lanes(l, index, (triangle, near), (inside, beside));
-                if unsettled != 0 {
-                    let (near, inside) = (l.store(near), l.bits(inside));
-                    for lane in SetBits(unsettled) {
-                        let known = (inside >> lane & 1 == 1).then_some(near[lane]);
-                        brush.settle(index + lane, triangle, known);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Draws a triangle that f32 cannot judge: where it is not clearly outside, and what is there is
-    /// not clearly nearer than its nearest corner, the exact test decides.
-    #[inline(always)]
-    fn draw_exactly<L: Lanes>(
-        &self,
-        l: L,
-        brush: &mut Brush<'_>,
-        (lane, triangle, nearest): (usize, u32, f32),
-    ) {
-        let from = spot(self.columns[0][lane], self.rows[0][lane]);
-        let to = spot(self.columns[1][lane], self.rows[1][lane]);
-        let (above, below) = (l.splat(self.doubt[lane]), l.splat(-self.doubt[lane]));
-        let steps = l.load(&STEPS);
-        for row in from.row..=to.row {
-            for first in (from.column..=to.column).step_by(LANES) {
-                let (right, down) = ((first - from.column) as f32, (row - from.row) as f32);
-                let mut at = [steps; 3];
-                for edge in 0..3 {
-                    let (x, y) = (self.along_x[edge][lane], self.along_y[edge][lane]);
-                    let corner = self.at[edge][lane] + x * right + y * down;
-                    at[edge] = l.mul_add(l.splat(x), steps, l.splat(corner));
-                }
-                let (least, greatest) = spread(l, at);
-                let outside = l.less(least, below) & l.less(above, greatest);
-                let last = (to.column - first).min(LANES - 1);
-                for lane in SetBits(!outside & ALL >> (LANES - 1 - last)) {
-                    let index = row * STRIDE + first + lane;
-                    if !brush.tile.surely_hides(index, nearest) {
-                        brush.settle(index, triangle, None);
-                    }
-                }
-            }
-        }
-    }
-}
-
 #[inline(always)]
-fn weighted<L: Lanes>(l: L, at: [L::V; 3], values: [L::V; 3]) -> L::V {
+pub(super) fn weighted<L: Lanes>(l: L, at: [L::V; 3], values: [L::V; 3]) -> L::V {
     let sum = l.mul(at[0], values[0]);
     l.mul_add(at[2], values[2], l.mul_add(at[1], values[1], sum))
 }
 
 #[inline(always)]
-fn spot(column: f32, row: f32) -> Spot {
+pub(super) fn spot(column: f32, row: f32) -> Spot {
     Spot {
         column: whole(column),
         row: whole(row),

@@ -1,25 +1,35 @@
 //! Which clusters a tile may see, nearest first, and which of them are hidden already.
 
+use super::bent::Bent;
 use super::clusters::{Child, Clusters, WIDTH, Wide};
+use super::eye::Eye;
 use super::lanes::{LANES, Lanes, SetBits, Task, dispatch, whole};
-use super::lens::{Lens, Place, Projected};
+use super::lens::{Grid, Lens, Place, Projected};
 use super::raster::Brush;
 use super::tile::{SIZE, Spot, Tile};
+use glam::DVec2;
 
 /// Rounding of boxes in the camera frame, relative to the coordinates that enter.
 const ROUNDING: f32 = 1e-6;
 const _: () = assert!(WIDTH == LANES);
 
-/// Finds what is visible in a tile of `width` × `height` samples at `place`.
+/// Finds what is visible in a tile of `width` × `height` samples at `place`, which a lens may have bent.
 pub(crate) fn scan(
     clusters: &Clusters,
-    place: &Place<'_>,
+    (place, bent): (&Place<'_>, Option<&Bent>),
     (width, height): (usize, usize),
 ) -> Tile {
     let mut tile = Tile::new(width, height);
-    let mut scratch = Projected::new();
-    let lens = Lens::new(place);
-    let gaze = Gaze::new(place, (width, height));
+    let (grid, away) = match bent {
+        Some(bent) => (bent.grid, bent.away),
+        None => (Grid::of(place), 0.0),
+    };
+    if let Some(bent) = bent {
+        tile.close_where(|index| !bent.has_ray(index));
+    }
+    let mut scratch = Projected::new(away);
+    let lens = Lens::new(place.eye, &grid);
+    let gaze = Gaze::new(place.eye, (&grid, away), (width, height));
     let mut waiting = vec![Waiting::ROOT];
     while let Some(next) = waiting.pop() {
         if tile.hides((next.from, next.to), next.nearness) {
@@ -31,6 +41,7 @@ pub(crate) fn scan(
                 let mut brush = Brush {
                     tile: &mut tile,
                     place,
+                    bent,
                     lens: &lens,
                     scratch: &mut scratch,
                 };
@@ -84,6 +95,8 @@ struct Gaze {
     high: [f32; 2],
     /// Samples per unit of x / z and y / z.
     scale: [f32; 2],
+    /// How far samples are from whole numbers at most.
+    away: f32,
     /// The last used sample.
     last: [f32; 2],
 }
@@ -93,17 +106,13 @@ impl Gaze {
         clippy::cast_possible_truncation,
         reason = "boxes are enlarged by ROUNDING"
     )]
-    fn new(place: &Place<'_>, (width, height): (usize, usize)) -> Self {
+    fn new(eye: &Eye<'_>, (grid, away): (&Grid, f32), (width, height): (usize, usize)) -> Self {
         debug_assert!(width <= SIZE && height <= SIZE);
-        let eye = place.eye;
-        let border = |pixel: f64, axis: usize| (pixel - eye.principal[axis]) / eye.focal[axis];
-        let (left, top) = (place.column as f64, place.row as f64);
+        let border = |sample: f64| (DVec2::splat(sample) - grid.shift) / grid.focal;
         // One sample more on each side than the sample centres need.
-        let low = [border(left - 0.5, 0), border(top - 0.5, 1)];
-        let high = [
-            border(left + width as f64 + 0.5, 0),
-            border(top + height as f64 + 0.5, 1),
-        ];
+        let low = border(-1.0 - f64::from(away));
+        let high = DVec2::new(width as f64, height as f64) + f64::from(away);
+        let high = (high - grid.shift) / grid.focal;
         Self {
             rotation: eye
                 .rotation
@@ -112,9 +121,10 @@ impl Gaze {
                 .map(|row| row.map(|v| v as f32)),
             center_in_cam: eye.center_in_cam.as_vec3().to_array(),
             rounding: ROUNDING * eye.center_in_cam.length() as f32,
-            low: low.map(|v| v as f32),
-            high: high.map(|v| v as f32),
-            scale: eye.focal.as_vec2().to_array(),
+            low: low.as_vec2().to_array(),
+            high: high.as_vec2().to_array(),
+            scale: grid.focal.as_vec2().to_array(),
+            away,
             last: [(width - 1) as f32, (height - 1) as f32],
         }
     }
@@ -155,10 +165,11 @@ impl Gaze {
         let scale = l.splat(self.scale[axis]);
         let (zero, last) = (l.splat(0.0), l.splat(self.last[axis]));
         let first = l.min(l.mul(low, nearness), l.mul(low, farness));
-        let first = l.mul_add(l.sub(first, left), scale, l.splat(-2.0));
+        let first = l.mul_add(l.sub(first, left), scale, l.splat(-2.0 - 2.0 * self.away));
         let end = l.max(l.mul(high, nearness), l.mul(high, farness));
         let end = l.mul_add(l.sub(end, left), scale, l.splat(1.0));
-        // `left` is one sample before the tile's first centre; NaN becomes the first sample.
+        // `left` is one sample, and how far they are away, before the tile's first centre; NaN becomes
+        // the first sample.
         let first = l.min(l.max(first, zero), last);
         let end = l.min(l.max(end, zero), last);
         ([l.floor(first), l.floor(end)], !beside)

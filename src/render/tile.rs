@@ -58,6 +58,15 @@ impl Tile {
         }
     }
 
+    /// Has nothing be seen at some samples, by their place in the columns.
+    pub(crate) fn close_where(&mut self, closed: impl Fn(usize) -> bool) {
+        for (index, nearness) in self.nearness.iter_mut().enumerate() {
+            if closed(index) {
+                *nearness = f32::INFINITY;
+            }
+        }
+    }
+
     /// The visible triangle at a sample.
     pub(crate) fn triangle(&self, spot: Spot) -> Option<u32> {
         let triangle = self.triangles[spot.index()];

@@ -1,10 +1,14 @@
 //! Whole pictures by every set of instructions.
 
+#[path = "../../tests/it/render/shapes.rs"]
+#[allow(dead_code, reason = "shared with the integration tests")]
+mod shapes;
+
 use super::lanes::{Lanes, Task, dispatch, forced};
 use super::{BackFaces, RenderOptions, Renderer, Rendering, Seen};
-use glam::DVec3;
-use mvs_datasets::scene::{Pose, View};
-use mvs_datasets::synthetic::{SyntheticOptions, SyntheticScene};
+use glam::{DVec2, DVec3};
+use mvs_datasets::scene::{Camera, Distortion, Pose, View};
+use shapes::{soup, terrain};
 
 /// Which set of instructions runs.
 struct Name;
@@ -17,28 +21,37 @@ impl Task for Name {
     }
 }
 
-/// Two views of each fixture scene, and one from so close that triangles reach behind the camera.
+/// Views from outside, from inside, and from so close that triangles reach behind the camera; every
+/// third through a lens.
 fn pictures() -> Vec<(Rendering, Seen)> {
     let mut pictures = Vec::new();
-    for (_, options) in SyntheticOptions::fixtures() {
-        let scene = SyntheticScene::new(options).unwrap();
-        let renderer = Renderer::new(scene.mesh()).unwrap();
-        let views = scene.scene().views();
-        let bounds = scene.mesh().bounds();
-        let near = bounds.center() + 0.1 * bounds.size();
-        let close = View {
-            pose: Pose::looking_at(near, bounds.min, DVec3::new(0.3, 0.2, 1.0)).unwrap(),
-            ..views[0].clone()
-        };
-        for view in [&views[0], &views[1], &close] {
+    for mesh in [terrain(90), terrain(400), soup(3000, 6)] {
+        let renderer = Renderer::new(&mesh).unwrap();
+        for (index, reach) in [2.5, 0.9, 0.3, 0.04].into_iter().enumerate() {
+            let eye = DVec3::new(0.3, -0.7, 0.6).normalize() * reach;
+            let pose = Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0)).unwrap();
+            let camera = Camera::new(300, 200, DVec2::splat(250.0), DVec2::new(150.0, 100.0));
+            let mut view = View {
+                id: 0,
+                name: String::new(),
+                camera: camera.unwrap(),
+                pose,
+                depth_range: None,
+            };
             let options = RenderOptions {
                 samples: 4,
                 back_faces: BackFaces::Valid,
                 ..RenderOptions::default()
             };
             let mut seen = Seen::default();
-            renderer.see(view, &mut seen).unwrap();
-            pictures.push((renderer.render(view, &options).unwrap(), seen));
+            renderer.see(&view, &mut seen).unwrap();
+            if index % 3 == 1 {
+                let radial = [-0.2, 0.05, 0.0, 0.0, 0.0, 0.0];
+                let tangential = [2e-3, -1e-3];
+                let lens = Distortion::RadialTangential { radial, tangential };
+                view.camera = view.camera.with_distortion(lens).unwrap();
+            }
+            pictures.push((renderer.render(&view, &options).unwrap(), seen));
         }
     }
     pictures

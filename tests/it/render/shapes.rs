@@ -36,3 +36,30 @@ pub(crate) fn terrain(side: u32) -> Mesh {
         .collect();
     Mesh::new(vertices.collect(), triangles).unwrap()
 }
+
+/// Triangles of all shapes, thrown into a cube: large and tiny ones, slivers, copies.
+pub(crate) fn soup(count: u32, seed: u64) -> Mesh {
+    let mut noise = Noise(seed);
+    let mut vertices = Vec::new();
+    for index in 0..count {
+        let anchor = noise.vector();
+        let size = 10f64.powf(1.5 * noise.next() - 1.5);
+        let sliver = if index % 5 == 0 { 1e-6 } else { 1.0 };
+        let (along, across) = (noise.vector() * size, noise.vector() * size * sliver);
+        vertices.extend([anchor, anchor + along, anchor + across + 0.3 * along]);
+        if index % 7 == 0 {
+            let copy = vertices[vertices.len() - 3..].to_vec();
+            vertices.extend(copy);
+        }
+    }
+    let count = u32::try_from(vertices.len()).unwrap();
+    let triangles = (0..count / 3)
+        .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+        .collect();
+    let colors = (0..count).map(|_| noise.vector().to_array().map(|v| (100.0 * v + 120.0) as u8));
+    let colors = colors.collect();
+    Mesh::new(vertices, triangles)
+        .unwrap()
+        .with_vertex_colors(colors)
+        .unwrap()
+}

@@ -1,0 +1,183 @@
+//! Triangles drawn into a tile one by one, eight samples at a time.
+
+#![allow(
+    clippy::needless_range_loop,
+    reason = "columns are walked side by side, and closures would leave the instruction set"
+)]
+
+use super::bent::Bent;
+use super::lanes::{ALL, LANES, Lanes, SetBits};
+use super::raster::{Brush, spot, spread, weighted};
+use super::tile::{STRIDE, Spot};
+
+/// What is known about eight triangles, in memory: see [`super::raster`].
+pub(super) struct Stored {
+    pub(super) columns: [[f32; LANES]; 2],
+    pub(super) rows: [[f32; LANES]; 2],
+    pub(super) at: [[f32; LANES]; 3],
+    pub(super) along_x: [[f32; LANES]; 3],
+    pub(super) along_y: [[f32; LANES]; 3],
+    pub(super) nearness: [[f32; LANES]; 3],
+    pub(super) doubt: [f32; LANES],
+    pub(super) nearest: [f32; LANES],
+}
+
+const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+impl Stored {
+    #[inline(always)]
+    pub(super) fn draw<L: Lanes>(
+        &self,
+        l: L,
+        brush: &mut Brush<'_>,
+        (lane, triangle): (usize, u32),
+    ) {
+        let from = spot(self.columns[0][lane], self.rows[0][lane]);
+        let to = spot(self.columns[1][lane], self.rows[1][lane]);
+        let steps = l.load(&STEPS);
+        let doubt = l.splat(self.doubt[lane]);
+        let below = l.splat(-self.doubt[lane]);
+        let nearness = [
+            l.splat(self.nearness[0][lane]),
+            l.splat(self.nearness[1][lane]),
+            l.splat(self.nearness[2][lane]),
+        ];
+        for first in (from.column..=to.column).step_by(LANES) {
+            let mut start = [steps; 3];
+            let mut down = [steps; 3];
+            let right = (first - from.column) as f32;
+            for edge in 0..3 {
+                let along = self.along_x[edge][lane];
+                let corner = l.splat(self.at[edge][lane] + along * right);
+                start[edge] = l.mul_add(l.splat(along), steps, corner);
+                down[edge] = l.splat(self.along_y[edge][lane]);
+            }
+            let (one, mut y) = (l.splat(1.0), l.splat(0.0));
+            for row in from.row..=to.row {
+                let mut at = start;
+                for edge in 0..3 {
+                    at[edge] = l.mul_add(down[edge], y, start[edge]);
+                }
+                y = l.add(y, one);
+                let least = l.min(l.min(at[0], at[1]), at[2]);
+                let beside = l.below(least, below);
+                if l.bits(beside) == ALL {
+                    continue;
+                }
+                let near = weighted(l, at, nearness);
+                let offer = (row * STRIDE + first, triangle, near);
+                offer_lanes(l, brush, offer, (l.below(doubt, least), beside));
+            }
+        }
+    }
+
+    /// Draws a triangle that f32 cannot judge: where it is not clearly outside, and what is there is
+    /// not clearly nearer than its nearest corner, the exact test decides.
+    #[inline(always)]
+    pub(super) fn draw_exactly<L: Lanes>(
+        &self,
+        l: L,
+        brush: &mut Brush<'_>,
+        (lane, triangle, nearest): (usize, u32, f32),
+    ) {
+        let from = spot(self.columns[0][lane], self.rows[0][lane]);
+        let to = spot(self.columns[1][lane], self.rows[1][lane]);
+        let (above, below) = (l.splat(self.doubt[lane]), l.splat(-self.doubt[lane]));
+        let bent = brush.bent;
+        for row in from.row..=to.row {
+            for first in (from.column..=to.column).step_by(LANES) {
+                let at = self.edges(l, lane, (places(l, bent, (first, row)), from));
+                let (least, greatest) = spread(l, at);
+                let outside = l.less(least, below) & l.less(above, greatest);
+                let last = (to.column - first).min(LANES - 1);
+                for lane in SetBits(!outside & ALL >> (LANES - 1 - last)) {
+                    let index = row * STRIDE + first + lane;
+                    if !brush.tile.surely_hides(index, nearest) {
+                        brush.settle(index, triangle, None);
+                    }
+                }
+            }
+        }
+    }
+
+    /// As [`Self::draw`] for samples that a lens has moved.
+    #[inline(always)]
+    pub(super) fn draw_bent<L: Lanes>(
+        &self,
+        l: L,
+        brush: &mut Brush<'_>,
+        bent: &Bent,
+        (lane, triangle): (usize, u32),
+    ) {
+        let from = spot(self.columns[0][lane], self.rows[0][lane]);
+        let to = spot(self.columns[1][lane], self.rows[1][lane]);
+        let (doubt, below) = (l.splat(self.doubt[lane]), l.splat(-self.doubt[lane]));
+        let nearness = [
+            l.splat(self.nearness[0][lane]),
+            l.splat(self.nearness[1][lane]),
+            l.splat(self.nearness[2][lane]),
+        ];
+        for row in from.row..=to.row {
+            for first in (from.column..=to.column).step_by(LANES) {
+                let at = self.edges(l, lane, (places(l, Some(bent), (first, row)), from));
+                let least = l.min(l.min(at[0], at[1]), at[2]);
+                let beside = l.below(least, below);
+                if l.bits(beside) == ALL {
+                    continue;
+                }
+                let near = weighted(l, at, nearness);
+                let offer = (row * STRIDE + first, triangle, near);
+                offer_lanes(l, brush, offer, (l.below(doubt, least), beside));
+            }
+        }
+    }
+
+    /// The edge functions at eight places, for a triangle whose first column and row are known.
+    #[inline(always)]
+    fn edges<L: Lanes>(&self, l: L, lane: usize, ([x, y], from): ([L::V; 2], Spot)) -> [L::V; 3] {
+        let right = l.sub(x, l.splat(from.column as f32));
+        let down = l.sub(y, l.splat(from.row as f32));
+        let mut at = [right; 3];
+        for edge in 0..3 {
+            let (along, below) = (self.along_x[edge][lane], self.along_y[edge][lane]);
+            let start = l.mul_add(l.splat(below), down, l.splat(self.at[edge][lane]));
+            at[edge] = l.mul_add(l.splat(along), right, start);
+        }
+        at
+    }
+}
+
+/// Where eight samples from one on lie.
+#[inline(always)]
+fn places<L: Lanes>(l: L, bent: Option<&Bent>, (column, row): (usize, usize)) -> [L::V; 2] {
+    let index = row * STRIDE + column;
+    if let Some(bent) = bent
+        && let Some(x) = bent.x[index..].first_chunk()
+        && let Some(y) = bent.y[index..].first_chunk()
+    {
+        return [l.load(x), l.load(y)];
+    }
+    let x = l.add(l.splat(column as f32), l.load(&STEPS));
+    [x, l.splat(row as f32)]
+}
+
+/// Offers a triangle to eight samples, and settles what is in doubt.
+#[inline(always)]
+fn offer_lanes<L: Lanes>(
+    l: L,
+    brush: &mut Brush<'_>,
+    (index, triangle, near): (usize, u32, L::V),
+    (inside, beside): (L::M, L::M),
+) {
+    let offer = (triangle, near);
+    let unsettled = brush
+        .tile
+        .try_offer_lanes(l, index, offer, (inside, beside));
+    if unsettled != 0 {
+        let (near, inside) = (l.store(near), l.bits(inside));
+        for lane in SetBits(unsettled) {
+            let known = (inside >> lane & 1 == 1).then_some(near[lane]);
+            brush.settle(index + lane, triangle, known);
+        }
+    }
+}
