@@ -4,6 +4,7 @@
 //! compute from them is off by a known, tiny amount; what lies closer than that to a decision is
 //! decided by the exact test on the mesh itself.
 
+use super::ahead::prefetch;
 use super::cluster::{Cluster, Draft, MOST_TRIANGLES};
 use super::tree::{self, Bounds, Item, Node, number};
 use glam::DVec3;
@@ -11,6 +12,9 @@ use mvs_datasets::scene::Mesh;
 
 /// Children of a node.
 pub(crate) const WIDTH: usize = 8;
+
+/// Words of a cache line.
+const LINE: usize = 16;
 
 /// What a node's child is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,10 +72,24 @@ impl Clusters {
         Cluster::read(&self.words[index as usize..])
     }
 
-    /// Reads a word of a cluster ahead of its turn, so that it is on its way from memory.
+    /// Has the first `lines` cache lines of a child fetched ahead of its turn.
     #[inline(always)]
-    pub(crate) fn touch(&self, index: u32) {
-        std::hint::black_box(self.words[index as usize]);
+    pub(crate) fn fetch(&self, child: Child, lines: usize) {
+        match child {
+            Child::None => {}
+            Child::Cluster(index) => {
+                for line in 0..lines {
+                    prefetch(&self.words, index as usize + LINE * line);
+                }
+            }
+            Child::Node(index) => {
+                if let Some(node) = self.nodes.get(index as usize) {
+                    let rows = node.low.iter().chain(&node.high).step_by(2);
+                    rows.for_each(|row| prefetch(row, 0));
+                    prefetch(&node.children, 0);
+                }
+            }
+        }
     }
 
     /// Bytes held.

@@ -10,12 +10,13 @@
 )]
 
 use super::Seen;
+use super::ahead::{prefetch, prefetch_all};
 use super::clusters::Clusters;
 use super::doubles::FOUR;
 use super::eye::Eye;
 use super::lanes::{ALL, LANES, Lanes, Task, dispatch};
 use super::lens::Place;
-use super::planes::{Fresh, Plane, Window};
+use super::planes::{Fresh, Pending, Plane, Window};
 use super::scan::scan;
 use super::surface::Frame;
 use super::tile::{NONE, SIZE, Tile};
@@ -85,6 +86,14 @@ impl<'s> Maps<'s> {
         .collect()
     }
 
+    /// Has the memory fetched that will be written.
+    fn fetch(&self) {
+        prefetch_all(self.triangles);
+        prefetch_all(self.depth);
+        prefetch_all(self.normals);
+        prefetch_all(self.weights);
+    }
+
     fn part(&mut self, first: usize, count: usize) -> Maps<'_> {
         Maps {
             triangles: &mut self.triangles[first..][..count],
@@ -100,6 +109,8 @@ const SLOTS: usize = 512;
 
 /// What is worked out about a tile.
 pub(crate) struct Resolver {
+    /// Triangles met in the present rows for the first time.
+    pending: Vec<Pending>,
     planes: Vec<Plane>,
     /// Triangles met of late, by their number, with their place in `planes`.
     met: [(u32, u32); SLOTS + 1],
@@ -116,6 +127,7 @@ pub(crate) struct Resolver {
 impl Resolver {
     pub(crate) fn new() -> Self {
         Self {
+            pending: Vec::with_capacity(ROWS * SIZE),
             planes: Vec::with_capacity(SIZE * SIZE + 1),
             met: [(NONE, 0); SLOTS + 1],
             fresh: Fresh::new(),
@@ -162,6 +174,9 @@ impl Resolver {
             self.from_first[column] = direction.x - first.x;
         }
         for top in (0..rows).step_by(ROWS) {
+            for row in top..rows.min(top + ROWS) {
+                maps.part(row * stride + first_pixel, columns).fetch();
+            }
             dispatch(Strip {
                 resolver: self,
                 place,
@@ -292,14 +307,16 @@ impl Task for Strip<'_, '_> {
                 };
                 let mut known = resolver.met[slot];
                 if known.0 != id {
-                    if resolver.fresh.count == SIZE {
-                        resolver.set_up(&place.eye.frame, window);
-                    }
                     #[allow(clippy::cast_possible_truncation, reason = "at most 4097")]
-                    let next = (resolver.planes.len() + resolver.fresh.count) as u32;
+                    let next = (resolver.planes.len() + resolver.pending.len()) as u32;
                     known = (id, next);
                     resolver.met[slot] = known;
-                    resolver.fresh.add(id, [resolver.x[column % SIZE], y]);
+                    prefetch(place.eye.frame.mesh().triangles(), id as usize);
+                    resolver.pending.push(Pending {
+                        id,
+                        spot: [resolver.x[column % SIZE], y],
+                        vertices: [0; 3],
+                    });
                 }
                 resolver.runs[runs % (ROWS * SIZE)] = known.1;
                 runs += 1;
@@ -329,8 +346,9 @@ fn starts<L: Lanes>(l: L, ids: &[u32]) -> u64 {
     bits
 }
 
-/// Sets up triangles met for the first time.
+/// Sets up triangles met for the first time, at most [`SIZE`].
 struct SetUp<'r> {
+    pending: &'r [Pending],
     fresh: &'r mut Fresh,
     planes: &'r mut Vec<Plane>,
     frame: &'r Frame<'r>,
@@ -343,24 +361,35 @@ impl Task for SetUp<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) {
         let (fresh, frame) = (self.fresh, self.frame);
-        fresh.load(frame);
+        fresh.load(frame, self.pending);
         fresh.turn(&frame.rotation(), frame.center_in_cam());
         fresh.set_up(self.window);
         for index in 0..fresh.count {
             self.planes.push(fresh.plane(index));
         }
-        fresh.count = 0;
     }
 }
 
 impl Resolver {
+    /// Sets up what is pending: all vertices are asked for before the first is needed.
     fn set_up(&mut self, frame: &Frame<'_>, window: &Window) {
-        dispatch(SetUp {
-            fresh: &mut self.fresh,
-            planes: &mut self.planes,
-            frame,
-            window,
-        });
+        let mesh = frame.mesh();
+        for triangle in &mut self.pending {
+            triangle.vertices = mesh.triangles()[triangle.id as usize];
+            for vertex in triangle.vertices {
+                prefetch(mesh.vertices(), vertex as usize);
+            }
+        }
+        for pending in self.pending.chunks(SIZE) {
+            dispatch(SetUp {
+                pending,
+                fresh: &mut self.fresh,
+                planes: &mut self.planes,
+                frame,
+                window,
+            });
+        }
+        self.pending.clear();
     }
 }
 

@@ -45,10 +45,18 @@ pub(crate) struct Window {
     pub(crate) reach: f64,
 }
 
+/// A triangle that has not been set up yet.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pending {
+    pub(crate) id: u32,
+    /// x and y of the direction of a pixel that sees it.
+    pub(crate) spot: [f64; 2],
+    pub(crate) vertices: [u32; 3],
+}
+
 /// Triangles to be set up together, side by side.
 pub(crate) struct Fresh {
     pub(crate) count: usize,
-    ids: [u32; SIZE],
     /// Where a pixel sees each: x and y of its direction.
     spots: [[f64; SIZE]; 2],
     corners: [[f64; SIZE]; 9],
@@ -61,7 +69,6 @@ impl Fresh {
     pub(crate) fn new() -> Self {
         Self {
             count: 0,
-            ids: [0; SIZE],
             spots: [[0.0; SIZE]; 2],
             corners: [[0.0; SIZE]; 9],
             at: [[0.0; SIZE]; 4],
@@ -70,28 +77,15 @@ impl Fresh {
         }
     }
 
-    /// Adds a triangle that is seen along (x, y, 1); there must be room.
+    /// Takes over some triangles, at most [`SIZE`], with their corners counted from the mesh's centre.
     #[inline(always)]
-    pub(crate) fn add(&mut self, id: u32, [x, y]: [f64; 2]) {
-        let place = self.count % SIZE;
-        self.ids[place] = id;
-        self.spots[0][place] = x;
-        self.spots[1][place] = y;
-        self.count += 1;
-    }
-
-    /// Fetches the corners, counted from the mesh's centre; all indices first, so that many reads
-    /// are on their way from memory at once.
-    #[inline(always)]
-    pub(crate) fn load(&mut self, frame: &Frame<'_>) {
-        let count = self.count.min(SIZE);
-        let mut vertices = [[0; 3]; SIZE];
-        for i in 0..count {
-            vertices[i] = frame.vertices_of(self.ids[i] as usize);
-        }
-        for i in 0..count {
+    pub(crate) fn load(&mut self, frame: &Frame<'_>, pending: &[Pending]) {
+        self.count = pending.len().min(SIZE);
+        for (i, triangle) in pending.iter().enumerate().take(SIZE) {
+            self.spots[0][i] = triangle.spot[0];
+            self.spots[1][i] = triangle.spot[1];
             for corner in 0..3 {
-                let position = frame.offset_of(vertices[i][corner]);
+                let position = frame.offset_of(triangle.vertices[corner]);
                 self.corners[3 * corner][i] = position.x;
                 self.corners[3 * corner + 1][i] = position.y;
                 self.corners[3 * corner + 2][i] = position.z;

@@ -12,6 +12,9 @@ use glam::DVec2;
 /// Rounding of boxes in the camera frame, relative to the coordinates that enter.
 const ROUNDING: f32 = 1e-6;
 const _: () = assert!(WIDTH == LANES);
+/// Cache lines of a cluster that are fetched when it is found, and when it is next.
+const HEAD_LINES: usize = 2;
+const CLUSTER_LINES: usize = 20;
 
 /// Finds what is visible in a tile of `width` × `height` samples at `place`, which a lens may have bent.
 pub(crate) fn scan(
@@ -38,6 +41,9 @@ pub(crate) fn scan(
         match next.child {
             Child::None => {}
             Child::Cluster(index) => {
+                if let Some(after) = waiting.last() {
+                    clusters.fetch(after.child, CLUSTER_LINES);
+                }
                 let mut brush = Brush {
                     tile: &mut tile,
                     place,
@@ -51,9 +57,7 @@ pub(crate) fn scan(
                 let first = waiting.len();
                 dispatch(Look(&gaze, &clusters.nodes[index as usize], &mut waiting));
                 for entry in &waiting[first..] {
-                    if let Child::Cluster(index) = entry.child {
-                        clusters.touch(index);
-                    }
+                    clusters.fetch(entry.child, HEAD_LINES);
                 }
                 waiting[first..].sort_unstable_by(|a, b| b.depth.total_cmp(&a.depth));
             }

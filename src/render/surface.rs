@@ -117,6 +117,10 @@ impl<'m> Frame<'m> {
         self.camera
     }
 
+    pub(crate) fn mesh(&self) -> &'m Mesh {
+        self.mesh
+    }
+
     /// From the world to the camera.
     pub(crate) fn rotation(&self) -> DMat3 {
         self.rotation
@@ -125,12 +129,6 @@ impl<'m> Frame<'m> {
     /// The mesh's centre, in the camera frame.
     pub(crate) fn center_in_cam(&self) -> DVec3 {
         self.center_in_cam
-    }
-
-    /// Vertices of a triangle.
-    #[inline]
-    pub(crate) fn vertices_of(&self, triangle: usize) -> [u32; 3] {
-        self.mesh.triangles()[triangle]
     }
 
     /// A vertex, counted from the mesh's centre.
