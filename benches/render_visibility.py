@@ -6,7 +6,9 @@ For each terrain of SIDE x SIDE cells (2 SIDE^2 triangles) three pinhole views o
 with: examples/render_visibility.rs (visibility alone; depth, normal, triangle and weights in f64),
 embreex with its robust flag (triangle numbers alone; then everything it returns) and Open3D's
 RaycastingScene, which sets Embree's robust flag itself and returns everything. Appends to
-OUT_DIR/render_visibility.csv. `--leaks N` instead counts rays aimed at corners and edges of closed
+OUT_DIR/visibility.csv and build.csv. `--arbitrate SIDE...` counts pixels of the same views that differ from
+the exact test of every candidate (arbitration.csv), `--lens SIDE...` times the views through a lens, drawn
+and with its rays traced one by one (lens.csv). `--leaks N` instead counts rays aimed at corners and edges of closed
 spheres from inside that hit nothing, N of ours and a tenth of it for embreex with and without the
 robust flag, into OUT_DIR/leaks.csv.
 """
@@ -97,8 +99,7 @@ def append(path, rows):
 def compare(binary, side, repeats, out):
     import open3d as o3d
 
-    ours = json.loads(subprocess.run([binary, str(repeats), str(side)], check=True,
-                                     capture_output=True).stdout)
+    [ours] = lines_of(binary, repeats, side)
     vertices, triangles = terrain(side)
     scene, embree_build = embree(vertices, triangles, True)
     wide = o3d.t.geometry.RaycastingScene(nthreads=1)
@@ -120,7 +121,7 @@ def compare(binary, side, repeats, out):
             "ratio_visibility": single / mine["visibility_s"], "ratio_maps": full / mine["maps_s"],
             "ratio_maps_open3d": open3d / mine["maps_s"],
         })
-    append(out / "render_visibility.csv", rows)
+    append(out / "visibility.csv", rows)
     append(out / "build.csv", [{
         "triangles": int(ours["triangles"]),
         "build_mtri_s": ours["triangles"] / 1e6 / ours["build_s"],
@@ -131,10 +132,20 @@ def compare(binary, side, repeats, out):
     }])
 
 
+def lines_of(binary, *arguments):
+    answer = subprocess.run([binary, *map(str, arguments)], check=True, capture_output=True, text=True)
+    return [json.loads(line) for line in answer.stdout.splitlines()]
+
+
+def through_lens(binary, sides, out):
+    rows = lines_of(binary, "lens", *sides)
+    for row in rows:
+        row["drawn_without_rays_s"] = row["drawn_s"] - row["rays_s"]
+    append(out / "lens.csv", rows)
+
+
 def leaks(binary, count, out):
-    lines = subprocess.run([binary, "leaks", str(count)], check=True, capture_output=True,
-                           text=True).stdout.splitlines()
-    rows = [{"tracer": "mvs-eval", **json.loads(line)} for line in lines]
+    rows = [{"tracer": "mvs-eval", **row} for row in lines_of(binary, "leaks", count)]
     random = np.random.default_rng(17)
     for rings in (200, 28):
         vertices, triangles = sphere(rings)
@@ -162,6 +173,8 @@ def main():
     parser.add_argument("--binary")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--leaks", type=int)
+    parser.add_argument("--arbitrate", type=int, nargs="+")
+    parser.add_argument("--lens", type=int, nargs="+")
     options = parser.parse_args()
     binary = options.binary
     if binary is None:
@@ -171,6 +184,10 @@ def main():
     options.out.mkdir(parents=True, exist_ok=True)
     for side in options.sides:
         compare(binary, side, options.repeats, options.out)
+    if options.arbitrate:
+        append(options.out / "arbitration.csv", lines_of(binary, "arbitrate", *options.arbitrate))
+    if options.lens:
+        through_lens(binary, options.lens, options.out)
     if options.leaks:
         leaks(binary, options.leaks, options.out)
 

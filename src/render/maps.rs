@@ -204,8 +204,8 @@ impl Resolver {
         let (starts, first) = self.rows[row];
         if starts == 1 && ids[0] == NONE {
             maps.depth.fill(0.0);
-            maps.normals.fill([0.0; 3]);
-            maps.weights.fill([0.0; 2]);
+            maps.normals.as_flattened_mut().fill(0.0);
+            maps.weights.as_flattened_mut().fill(0.0);
             return;
         }
         let Maps {
