@@ -113,7 +113,7 @@ mod x86 {
 
         #[inline(always)]
         fn transpose(self, rows: [f64x4; FOUR]) -> [f64x4; FOUR] {
-            let [a, b, c, d] = rows.map(|row| cast(row));
+            let [a, b, c, d] = rows.map(cast);
             let avx = self.avx;
             let (even, odd) = (avx._mm256_unpacklo_pd(a, b), avx._mm256_unpackhi_pd(a, b));
             let (even2, odd2) = (avx._mm256_unpacklo_pd(c, d), avx._mm256_unpackhi_pd(c, d));

@@ -25,6 +25,7 @@ mod picture;
 mod planes;
 mod raster;
 mod rays;
+mod row;
 mod scan;
 mod shade;
 mod sight;

@@ -96,6 +96,18 @@ fn quad(corners: [DVec3; 4]) -> Mesh {
         .unwrap()
 }
 
+/// A plane across the view along +z: its unit normal, a point of it, and a large piece.
+fn tilted_plane() -> (DVec3, DVec3, Mesh) {
+    let normal = DVec3::new(0.3, -0.5, -1.0).normalize();
+    let anchor = DVec3::new(0.1, 0.2, 4.0);
+    let (along, across) = normal.any_orthonormal_pair();
+    let mesh = quad(
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+            .map(|(s, t)| anchor + 1e3 * (s * along + t * across)),
+    );
+    (normal, anchor, mesh)
+}
+
 fn facing_quad(depth: f64) -> Mesh {
     quad([
         DVec3::new(-1.0, 1.0, depth),

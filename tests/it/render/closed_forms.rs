@@ -4,13 +4,7 @@ use super::*;
 
 #[test]
 fn a_tilted_plane_has_the_depth_of_its_equation() {
-    let normal = DVec3::new(0.3, -0.5, -1.0).normalize();
-    let anchor = DVec3::new(0.1, 0.2, 4.0);
-    let (along, across) = normal.any_orthonormal_pair();
-    let mesh = quad(
-        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
-            .map(|(s, t)| anchor + 1e3 * (s * along + t * across)),
-    );
+    let (normal, anchor, mesh) = tilted_plane();
     let view = view(Pose::IDENTITY, 64, 48);
     let rendering = draft(&mesh, &view);
     for row in 0..48 {

@@ -30,13 +30,7 @@ fn bent(lens: Distortion, pose: Pose) -> View {
 
 #[test]
 fn a_plane_through_a_lens_has_the_depth_of_its_equation() {
-    let normal = DVec3::new(0.3, -0.5, -1.0).normalize();
-    let anchor = DVec3::new(0.1, 0.2, 4.0);
-    let (along, across) = normal.any_orthonormal_pair();
-    let mesh = quad(
-        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
-            .map(|(s, t)| anchor + 1e3 * (s * along + t * across)),
-    );
+    let (normal, anchor, mesh) = tilted_plane();
     for lens in lenses() {
         let view = bent(lens, Pose::IDENTITY);
         let rendering = draft(&mesh, &view);
