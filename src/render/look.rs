@@ -111,7 +111,7 @@ impl<'p> Look<'p> {
 
     /// Whether the directions of a row's samples differ from another row's in y alone.
     pub(crate) fn is_straight(&self) -> bool {
-        self.bent.is_empty()
+        matches!(self.behind, Behind::Pinhole)
     }
 
     /// Whether no sample sees anything and each of them has a ray.
