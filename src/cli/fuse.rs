@@ -65,6 +65,10 @@ pub(crate) struct FuseArgs {
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
+    /// About how many MiB of maps to hold at a time (default 512); results do not depend on it
+    #[arg(long, value_name = "MIB")]
+    #[serde(skip)]
+    memory: Option<usize>,
     #[command(flatten)]
     fuse: FuseFlags,
 }
@@ -203,7 +207,11 @@ fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
     });
     let mode = presets::mode_layer(said.as_deref().unwrap_or("hkust"))?;
     let fuse = |options| toml::Table::from_iter([("fuse".to_owned(), toml::Value::Table(options))]);
-    Ok(config::resolve([fuse(mode), fuse(preset), file, flags])?)
+    let job: FuseJob = config::resolve([fuse(mode), fuse(preset), file, flags])?;
+    Ok(FuseJob {
+        memory: args.memory,
+        ..job
+    })
 }
 
 /// The scene folder's name, by which presets know it.

@@ -76,7 +76,7 @@ pub(super) fn fuse_clusters(
     let mut clusters = Clusters {
         inputs,
         options,
-        columns: columns(inputs.maps, options),
+        columns: columns(inputs.maps, options).and(Columns::VISIBLE.when(sink.wants_visible())),
         loaded: (0..count).map(|_| None).collect(),
         used: (0..count).map(|_| None).collect(),
         max_pixel2: options.max_pixel_error * options.max_pixel_error,
@@ -89,7 +89,8 @@ pub(super) fn fuse_clusters(
         inputs.progress.check()?;
         clusters.now = view;
         let (points, counts) = clusters.view(view)?;
-        sink.take(&points, &counts)?;
+        sink.take(&points)?;
+        sink.view_done()?;
         total = total.plus(counts);
         clusters.evict();
         inputs.progress.advance(1);
@@ -263,9 +264,11 @@ impl Clusters<'_> {
         points
             .scales
             .push((depth / reference.camera.focal().x) as f32);
-        points.visible_in.push(number(view));
-        let others = views.iter().filter(|&&other| other != view);
-        points.visible_in.extend(others.map(|&other| number(other)));
+        if self.columns.has(Columns::VISIBLE) {
+            points.visible_in.push(number(view));
+            let others = views.iter().filter(|&&other| other != view);
+            points.visible_in.extend(others.map(|&other| number(other)));
+        }
         if self.columns.has(Columns::NORMALS) {
             let of = |axis: usize| median(members.iter().map(|m| f64::from(m.normal[axis])));
             let normal = DVec3::new(of(0), of(1), of(2)).normalize_or_zero();

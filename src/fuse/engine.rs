@@ -5,6 +5,7 @@
 use super::cache::Cache;
 use super::cluster::fuse_clusters;
 use super::counts::FuseCounts;
+use super::finish::Frame;
 use super::geometry::PairGeometry;
 use super::inputs::{DepthMaps, Scratch, check_size, check_views};
 use super::merrell::render;
@@ -12,7 +13,7 @@ use super::options::{Colors, FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink, Points};
 use super::reference::{Finish, Reference, Region, Source, SourceImage};
 use super::rules::Rule;
-use super::samples::{Filters, Samples, Unit, confidence, keep_confident, prepare};
+use super::samples::{Filters, Samples, Unit, bordered, confidence, keep_confident, prepare};
 use super::selection::{Confidences, Selection, Witness};
 use crate::error::Result;
 use crate::parallel;
@@ -161,12 +162,19 @@ impl Engine<'_> {
         let mut cache = Cache::new(self.inputs.memory);
         self.for_each_view(stage, |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
-            reference.needed = 1;
-            let bands = self.bands(&reference, |rows| reference.new_depths(rows));
-            let samples = &reference.samples;
-            let mut stored = Vec::with_capacity(samples.width() * samples.height());
-            for (band, more) in bands {
-                stored.extend(band);
+            (reference.needed, reference.soften) = (1, false);
+            let (width, stride) = (reference.samples.width(), reference.samples.stride());
+            let mut stored = bordered(width, reference.samples.height());
+            let inner = stride..stored.len() - stride;
+            let bands = stored[inner].chunks_mut(BAND_ROWS * stride);
+            let mut bands: Vec<_> = bands.map(|band| (band, FuseCounts::default())).collect();
+            parallel::for_each_chunk(&mut bands, 1, |at, band| {
+                for (stored, counts) in band {
+                    let first = at * BAND_ROWS;
+                    *counts = reference.new_depths(first..first + stored.len() / stride, stored);
+                }
+            });
+            for (_, more) in bands {
                 counts = counts.plus(more);
             }
             self.inputs.scratch.store(self.key(to, index), stored)?;
@@ -196,7 +204,10 @@ impl Engine<'_> {
                 stored.extend(band);
                 counts = counts.plus(more);
             }
-            self.inputs.scratch.store(self.key(to, index), stored)?;
+            let camera = &reference.view.camera;
+            let (size, unit) = ((camera.width(), camera.height()), Unit::of(self.options));
+            let values = Samples::new(size, unit, &stored).into_values();
+            self.inputs.scratch.store(self.key(to, index), values)?;
             Ok(counts)
         })
     }
@@ -226,16 +237,16 @@ impl Engine<'_> {
 
     /// Sends the points of every view to `sink`.
     fn point_pass(&self, from: Maps, rule: Rule, sink: &mut dyn PointSink) -> Result<FuseCounts> {
-        let columns = columns(self.inputs.maps, self.options);
+        let columns = columns(self.inputs.maps, self.options)
+            .and(Columns::VISIBLE.when(sink.wants_visible()));
         let mut cache = Cache::new(self.inputs.memory / 2);
         let mut images = Cache::new(self.inputs.memory / 2);
-        // Bands of rows worked on at a time, and the view's points; memory is used again.
-        let mut bands = vec![Default::default(); 4 * parallel::threads()];
-        let mut points = Points::default();
+        // Bands of rows worked on at a time; their memory is used again.
+        let mut bands: Vec<(Points, FuseCounts)> =
+            vec![Default::default(); 4 * parallel::threads()];
         self.for_each_view("making points", |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
             let finish = self.finish(&mut reference, columns, &mut images)?;
-            points.clear();
             let height = reference.samples.height();
             let batch_rows = bands.len() * BAND_ROWS;
             for first in (0..height).step_by(batch_rows) {
@@ -246,12 +257,12 @@ impl Engine<'_> {
                         *counts = reference.points(rows.clone(), &finish, points);
                     }
                 });
-                for (band, more) in &mut bands {
-                    points.append(band);
+                for (points, more) in &bands {
+                    sink.take(points)?;
                     counts = counts.plus(*more);
                 }
             }
-            sink.take(&points, &counts)?;
+            sink.view_done()?;
             Ok(counts)
         })
     }
@@ -321,6 +332,7 @@ impl Engine<'_> {
             options: self.options,
             rule,
             needed: self.options.sources_needed(used.len()),
+            soften: self.options.soften,
         };
         Ok((reference, counts))
     }
@@ -335,7 +347,7 @@ impl Engine<'_> {
         let camera = &self.inputs.maps.view(index).camera;
         let stored = self.inputs.scratch.fetch(self.key(pass, index))?;
         let size = (camera.width(), camera.height());
-        Ok(Samples::new(size, Unit::of(self.options), &stored))
+        Ok(Samples::from_bordered(size, Unit::of(self.options), stored))
     }
 
     /// Fetches what finished points need; the sources' images are put into `reference`.
@@ -366,6 +378,12 @@ impl Engine<'_> {
             check_size(reference.view, normals.size(), "normal map")?;
         }
         Ok(Finish {
+            frame: Frame::new(reference.view),
+            centers: reference
+                .sources
+                .iter()
+                .map(|source| source.center)
+                .collect(),
             columns,
             image,
             confidence: confidence(maps, index)?.filter(|_| columns.has(Columns::CONFIDENCES)),

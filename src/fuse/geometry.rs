@@ -72,7 +72,7 @@ impl PairGeometry {
 }
 
 /// K⁻¹ in closed form.
-fn unprojection(view: &View) -> DMat3 {
+pub(super) fn unprojection(view: &View) -> DMat3 {
     let (focal, center) = (view.camera.focal(), view.camera.center());
     DMat3::from_cols(
         DVec3::new(1.0 / focal.x, 0.0, 0.0),

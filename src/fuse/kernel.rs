@@ -2,8 +2,9 @@
 //!
 //! Plain loops over fixed arrays, which the compiler turns into vector instructions; `pulp` picks
 //! the widest set the machine has at run time. Everything below is inlined into the function that
-//! `pulp` compiles for each set (a closure would not be: [`super::rules`] hands it a struct). No
-//! operation is reordered or fused, so every set gives the same bits. Positions are computed in f64
+//! `pulp` compiles for each set (a closure would not be: [`super::rules`] hands it a struct).
+//! Multiplications are fused with additions only where it says so, everywhere alike, so every set
+//! gives the same bits (one without that instruction is slow). Positions are computed in f64
 //! (a pixel is found to 1e-10), ratios of depths in f32 (6e-8), and depths only ever as
 //! `reference + small difference`.
 
@@ -13,6 +14,7 @@
 )]
 
 use super::geometry::PairGeometry;
+use super::prefetch::ahead;
 use super::samples::{Samples, Unit};
 use mvs_datasets::scene::View;
 
@@ -24,6 +26,8 @@ pub(super) struct Block {
     pub(super) len: usize,
     /// Index of the pixel in its map, row-major.
     pub(super) pixel: [u32; BLOCK],
+    /// Its index in the bordered map.
+    pub(super) place: [u32; BLOCK],
     /// Continuous image coordinates of the pixel centre.
     pub(super) u: [f32; BLOCK],
     pub(super) v: [f32; BLOCK],
@@ -36,16 +40,18 @@ impl Block {
         Self {
             len: 0,
             pixel: [0; BLOCK],
+            place: [0; BLOCK],
             u: [0.5; BLOCK],
             v: [0.5; BLOCK],
             depth: [1.0; BLOCK],
         }
     }
 
-    /// Adds a pixel; the block must not be full.
-    pub(super) fn push(&mut self, pixel: u32, column: u32, row: u32, depth: f32) {
+    /// Adds a pixel of a map of this `width`; the block must not be full.
+    pub(super) fn push(&mut self, width: u32, column: u32, row: u32, depth: f32) {
         let at = self.len;
-        self.pixel[at] = pixel;
+        self.pixel[at] = row * width + column;
+        self.place[at] = (row + 1) * (width + 2) + column + 1;
         #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
         {
             self.u[at] = column as f32 + 0.5;
@@ -172,7 +178,7 @@ impl Pair {
         }
     }
 
-    /// Fills `seen`, but for who agrees, for the whole block; `footprint` is room to work in.
+    /// Fills `seen`, but for who agrees, for the whole block, after [`Pair::project`].
     #[inline(always)]
     pub(super) fn look(
         &self,
@@ -181,7 +187,6 @@ impl Pair {
         footprint: &mut Footprint,
         seen: &mut Seen,
     ) {
-        self.project(block, source, seen, footprint);
         let seen_at_all = seen.z.iter().fold(false, |any, &z| any | (z > 0.0));
         if !seen_at_all {
             return seen.nothing();
@@ -196,9 +201,15 @@ impl Pair {
         self.errors(block, seen);
     }
 
-    /// Positions, source depths and the top-left of the four pixels.
+    /// Positions, source depths and the top-left of the four pixels, which are asked for.
     #[inline(always)]
-    fn project(&self, block: &Block, source: &Samples, seen: &mut Seen, to: &mut Footprint) {
+    pub(super) fn project(
+        &self,
+        block: &Block,
+        source: &Samples,
+        seen: &mut Seen,
+        to: &mut Footprint,
+    ) {
         let [a, b, c, t] = self.columns;
         #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^52")]
         let (wide, high, stride) = (
@@ -209,21 +220,27 @@ impl Pair {
         for i in 0..BLOCK {
             let (u, v) = (f64::from(block.u[i]), f64::from(block.v[i]));
             let depth = f64::from(block.depth[i]);
-            let px = depth * (a[0] * u + b[0] * v + c[0]) + t[0];
-            let py = depth * (a[1] * u + b[1] * v + c[1]) + t[1];
-            let pz = depth * (a[2] * u + b[2] * v + c[2]) + t[2];
+            let along = |axis: usize| {
+                let direction = a[axis].mul_add(u, b[axis].mul_add(v, c[axis]));
+                depth.mul_add(direction, t[axis])
+            };
+            let (px, py, pz) = (along(0), along(1), along(2));
             let inverse = 1.0 / pz;
-            let (x, y) = (px * inverse + 0.5, py * inverse + 0.5);
+            let (x, y) = (px.mul_add(inverse, 0.5), py.mul_add(inverse, 0.5));
             let inside = (pz > 0.0) & (x >= 0.0) & (y >= 0.0) & (x < wide) & (y < high);
             let x = if inside { x } else { 0.0 };
             let y = if inside { y } else { 0.0 };
-            let (column, row) = (floor(x), floor(y));
-            to.index[i] = whole(row * stride + column);
+            let (column, row) = (x.floor(), y.floor());
+            to.index[i] = whole(row.mul_add(stride, column));
             to.fx[i] = (x - column) as f32;
             to.fy[i] = (y - row) as f32;
             seen.x[i] = x as f32;
             seen.y[i] = y as f32;
             seen.z[i] = if inside { pz as f32 } else { 0.0 };
+        }
+        for &first in &to.index {
+            ahead(source.values(), first as usize);
+            ahead(source.values(), first as usize + source.stride());
         }
     }
 
@@ -253,17 +270,6 @@ impl Pair {
 
 /// 2^52: adding and subtracting it rounds an f64 below it to a whole number.
 const ROUND: f64 = 4_503_599_627_370_496.0;
-
-/// The largest whole number not above `value`, which is ≥ 0 and below 2^31.
-#[inline(always)]
-fn floor(value: f64) -> f64 {
-    let rounded = (value + ROUND) - ROUND;
-    if rounded > value {
-        rounded - 1.0
-    } else {
-        rounded
-    }
-}
 
 /// A whole number ≥ 0 and below 2^32 as an integer: the low bits of its sum with 2^52.
 #[inline(always)]
@@ -383,12 +389,7 @@ mod tests {
         while !block.is_full() {
             let column = uniform(random, 0.0, 640.0) as u32;
             let row = uniform(random, 0.0, 480.0) as u32;
-            block.push(
-                row * 640 + column,
-                column,
-                row,
-                uniform(random, 2.0, 4.0) as f32,
-            );
+            block.push(640, column, row, uniform(random, 2.0, 4.0) as f32);
         }
         block
     }
@@ -440,7 +441,9 @@ mod tests {
             let as_inverse = Samples::new(map.size(), Unit::Inverse, &inverse);
             let (mut plain, mut valid) = (Seen::new(), Seen::new());
             let room = &mut Footprint::new();
+            pair.project(&block, &as_depth, &mut plain, room);
             pair.look(&block, (&as_depth, Taps::Plain), room, &mut plain);
+            pair.project(&block, &as_inverse, &mut valid, room);
             pair.look(&block, (&as_inverse, Taps::Valid(0.02)), room, &mut valid);
             for i in 0..BLOCK {
                 let pixel = DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));

@@ -13,6 +13,7 @@ mod counts;
 mod engine;
 #[cfg(test)]
 mod extremes;
+mod finish;
 pub mod geometry;
 mod inputs;
 mod kernel;
@@ -22,6 +23,7 @@ mod options;
 #[cfg(test)]
 mod oracle;
 mod points;
+mod prefetch;
 pub mod presets;
 mod reference;
 mod rules;

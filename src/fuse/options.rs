@@ -30,7 +30,10 @@ pub struct FuseOptions {
     /// A point needs so many source views that agree, the reference view not counted. `dynamic`
     /// has its own rule. `cluster` counts pixels: it needs one more than this.
     pub min_sources: usize,
-    /// Lower `min_sources` to ⌈0.6 · available sources⌉ where that is less, never under 2.
+    /// Lower `min_sources` to ⌈0.6 · available sources⌉ where that is less, never under 2. And where
+    /// hardly anybody sees a point, let two sources do that agree within half the bounds: every
+    /// other one has it beyond its image or sees something in front of it; up to two may have no
+    /// depth there.
     pub soften: bool,
     /// How a source's depth map is sampled between pixel centres.
     pub sampling: Sampling,
@@ -124,7 +127,7 @@ impl Default for FuseOptions {
             confidence_quantile: 0.0,
             max_pixel_error: 1.0,
             max_depth_error: 0.01,
-            wide_angle: 20.0,
+            wide_angle: 30.0,
             min_sources: 3,
             soften: true,
             sampling: Sampling::Valid,

@@ -1,6 +1,5 @@
 //! Points on their way out, by column.
 
-use super::counts::FuseCounts;
 use crate::error::Result;
 use glam::{DVec3, Vec3};
 use mvs_datasets::scene::PointCloud;
@@ -16,6 +15,9 @@ impl Columns {
     pub const COLORS: Self = Self(2);
     /// Confidences.
     pub const CONFIDENCES: Self = Self(4);
+
+    /// Which views see each point.
+    pub const VISIBLE: Self = Self(8);
 
     /// Both together.
     #[must_use]
@@ -109,12 +111,20 @@ impl Points {
 
 /// Takes points as they are finished: by view, row-major within a view.
 pub trait PointSink {
-    /// Takes the points of one view; `counts` says what became of its pixels in the last pass.
-    fn take(&mut self, points: &Points, counts: &FuseCounts) -> Result<()>;
+    /// Takes some points of a view.
+    fn take(&mut self, points: &Points) -> Result<()>;
+    /// Hears that a view has no more points; called for every view.
+    fn view_done(&mut self) -> Result<()> {
+        Ok(())
+    }
+    /// Whether [`Points::visible_in`] is asked for; else it is empty.
+    fn wants_visible(&self) -> bool {
+        true
+    }
 }
 
 impl PointSink for Points {
-    fn take(&mut self, points: &Points, _counts: &FuseCounts) -> Result<()> {
+    fn take(&mut self, points: &Points) -> Result<()> {
         self.append(&mut points.clone());
         Ok(())
     }

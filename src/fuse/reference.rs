@@ -2,13 +2,12 @@
 //! pass.
 
 use super::counts::FuseCounts;
+use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room};
 use super::kernel::{BLOCK, Block, Pair, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
 use super::points::{Columns, Points};
-use super::rules::{
-    Against, Bounds, Case, Consensus, Court, Rule, Verdict, disparity_scale, mean_displacement,
-};
+use super::rules::{Against, Bounds, Case, Consensus, Court, Rule, Verdict, disparity_scale};
 use super::samples::Samples;
 use super::sampling;
 use glam::{DVec2, DVec3, Vec3};
@@ -16,6 +15,9 @@ use mvs_datasets::scene::{ColorImage, NormalMap, Raster, View};
 use pulp::Arch;
 use std::ops::Range;
 use std::sync::Arc;
+
+/// Columns of a strip.
+const STRIP: usize = 16;
 
 /// Tells whether a world point is wanted.
 pub type Region<'a> = dyn Fn(DVec3) -> bool + Sync + 'a;
@@ -27,7 +29,7 @@ pub(super) struct Source {
     pub(super) pair: Pair,
     pub(super) samples: Arc<Samples>,
     pub(super) image: Option<SourceImage>,
-    /// Centre in the reference's camera frame.
+    /// Centre in the world.
     pub(super) center: DVec3,
     /// See [`disparity_scale`].
     pub(super) disparity: f32,
@@ -48,19 +50,6 @@ impl SourceImage {
         ];
         Self { image, scale }
     }
-
-    /// The pixel at (`x`, `y`) as [`Seen`] has them, clamped to the image.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "positions on an image; `as` saturates"
-    )]
-    fn nearest(&self, x: f32, y: f32) -> [u8; 3] {
-        let along = |at: f32, scale: f32, size: u32| (((at - 0.5) * scale) as u32).min(size - 1);
-        let column = along(x, self.scale[0], self.image.width());
-        let row = along(y, self.scale[1], self.image.height());
-        self.image.get(column, row)
-    }
 }
 
 impl Source {
@@ -75,7 +64,7 @@ impl Source {
             pair: Pair::new(reference, view),
             samples,
             image: None,
-            center: reference.pose.to_cam(view.pose.center_in_world()),
+            center: view.pose.center_in_world(),
             disparity: disparity_scale(reference, view, options),
         }
     }
@@ -92,10 +81,15 @@ pub(super) struct Reference<'a> {
     pub(super) rule: Rule,
     /// Sources that must agree.
     pub(super) needed: usize,
+    /// Whether fewer do where nobody else can judge.
+    pub(super) soften: bool,
 }
 
 /// What only finished points need.
 pub(super) struct Finish<'a> {
+    pub(super) frame: Frame,
+    /// The sources' centres in the world.
+    pub(super) centers: Vec<DVec3>,
     pub(super) columns: Columns,
     pub(super) image: Option<Arc<ColorImage>>,
     pub(super) confidence: Option<Raster<f32>>,
@@ -104,25 +98,26 @@ pub(super) struct Finish<'a> {
 }
 
 impl Reference<'_> {
-    /// The depths of the next pass for `rows`, as stored values row-major. Pixels on which too few
-    /// sources agree are left out and counted.
-    pub(super) fn new_depths(&self, rows: Range<usize>) -> (Vec<f32>, FuseCounts) {
-        let width = self.samples.width();
-        let first = rows.start * width;
-        let mut stored = vec![0.0; rows.len() * width];
+    /// Puts the depths of the next pass for `rows` into `stored`, those rows of a bordered map of
+    /// zeros. Pixels on which too few sources agree are left out and counted.
+    pub(super) fn new_depths(&self, rows: Range<usize>, stored: &mut [f32]) -> FuseCounts {
+        let first = (rows.start + 1) * self.samples.stride();
         let mut counts = FuseCounts::default();
         let unit = self.samples.unit();
-        self.for_each_block(rows, |block, _, consensus| {
+        self.for_each_block(rows, STRIP, |block, _, consensus| {
+            let mut fused = [0.0; BLOCK];
+            for i in 0..BLOCK {
+                fused[i] = unit.convert(block.depth[i] + consensus.delta[i]);
+            }
             for i in 0..block.len {
                 if consensus.enough[i] {
-                    let depth = block.depth[i] + consensus.delta[i];
-                    stored[block.pixel[i] as usize - first] = unit.convert(depth);
+                    stored[block.place[i] as usize - first] = fused[i];
                 } else {
                     counts.inconsistent += 1;
                 }
             }
         });
-        (stored, counts)
+        counts
     }
 
     /// Puts the points of `rows` into `points`; what became of the pixels that had a depth.
@@ -135,15 +130,18 @@ impl Reference<'_> {
         points.clear();
         let mut counts = FuseCounts::default();
         let mut kept = Vec::with_capacity(BLOCK);
-        self.for_each_block(rows, |block, seen, consensus| {
+        let mut room = Room::new();
+        let width = self.samples.width();
+        self.for_each_block(rows, width, |block, seen, consensus| {
+            self.place((block, seen, consensus), finish, &mut room);
             kept.clear();
             for i in 0..block.len {
+                let wanted = |wanted: &Region<'_>| wanted(room.position(i));
                 let fate = if !consensus.enough[i] {
                     &mut counts.inconsistent
                 } else if self.options.guard && consensus.violations[i] > consensus.count[i] {
                     &mut counts.contradicted
-                } else if let Some(position) = self.position(i, (block, seen, consensus), finish) {
-                    points.positions.push(position);
+                } else if finish.region.is_none_or(wanted) {
                     kept.push(i);
                     &mut counts.fused
                 } else {
@@ -151,13 +149,21 @@ impl Reference<'_> {
                 };
                 *fate += 1;
             }
-            self.describe(&kept, (block, seen, consensus), finish, points);
+            if !kept.is_empty() {
+                self.describe(&kept, (block, seen, consensus), finish, (&mut room, points));
+            }
         });
         counts
     }
 
-    /// Calls `f` with every block of pixels that have a depth, and what the sources say.
-    fn for_each_block(&self, rows: Range<usize>, mut f: impl FnMut(&Block, &[Seen], &Consensus)) {
+    /// Calls `f` with every block of pixels that have a depth, and what the sources say. Blocks are
+    /// taken from the rows of one strip of columns after the other.
+    fn for_each_block(
+        &self,
+        rows: Range<usize>,
+        strip: usize,
+        mut f: impl FnMut(&Block, &[Seen], &Consensus),
+    ) {
         fn against(source: &Source) -> Against<'_> {
             Against {
                 pair: &source.pair,
@@ -171,11 +177,15 @@ impl Reference<'_> {
             taps: self.rule.taps(self.options),
             bounds: Bounds::new(self.view, self.options),
             needed: u32::try_from(self.needed).unwrap_or(u32::MAX),
+            soften: self.soften,
             sources: &sources,
         };
         let mut verdict = Verdict::new(sources.len());
         let arch = Arch::new();
         let mut finish = |block: &mut Block| {
+            for depth in &mut block.depth {
+                *depth = self.samples.unit().convert(*depth);
+            }
             arch.dispatch(Case {
                 court,
                 block,
@@ -185,22 +195,27 @@ impl Reference<'_> {
             block.len = 0;
         };
         let mut block = Block::new();
-        let unit = self.samples.unit();
-        for row in rows {
-            for (column, &stored) in self.samples.row(row).iter().enumerate() {
-                if stored <= 0.0 {
-                    continue;
-                }
-                let pixel = row * self.samples.width() + column;
-                #[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
-                block.push(
-                    pixel as u32,
-                    column as u32,
-                    row as u32,
-                    unit.convert(stored),
-                );
-                if block.is_full() {
-                    finish(&mut block);
+        let width = self.samples.width();
+        for left in (0..width).step_by(strip) {
+            let right = (left + strip).min(width);
+            for row in rows.clone() {
+                for (at, values) in self.samples.row(row)[left..right].chunks(STRIP).enumerate() {
+                    // Values are ≥ 0: no bit is set where there is no depth.
+                    if values.iter().fold(0, |bits, value| bits | value.to_bits()) == 0 {
+                        continue;
+                    }
+                    for (column, &stored) in (left + at * STRIP..).zip(values) {
+                        if stored > 0.0 {
+                            #[allow(
+                                clippy::cast_possible_truncation,
+                                reason = "image sizes are u32"
+                            )]
+                            block.push(width as u32, column as u32, row as u32, stored);
+                            if block.is_full() {
+                                finish(&mut block);
+                            }
+                        }
+                    }
                 }
             }
         }
@@ -209,94 +224,109 @@ impl Reference<'_> {
         }
     }
 
-    /// The point of entry `i`; `None` where it lies outside of the region.
-    fn position(
+    /// Computes the block's positions.
+    fn place(
         &self,
-        i: usize,
         (block, seen, consensus): (&Block, &[Seen], &Consensus),
         finish: &Finish<'_>,
-    ) -> Option<DVec3> {
-        let mut in_cam = self.view.camera.ray(center(block, i)) * fused(block, consensus, i);
+        room: &mut Room,
+    ) {
+        let arch = Arch::new();
+        arch.dispatch(Place {
+            frame: &finish.frame,
+            block,
+            consensus,
+            room,
+        });
         if self.rule == Rule::Disparity {
-            in_cam += self.displacement(i, in_cam, seen);
+            arch.dispatch(Gather {
+                centers: &finish.centers,
+                seen,
+                consensus,
+                room,
+            });
         }
-        let position = self.view.pose.to_world(in_cam);
-        let wanted = finish.region.is_none_or(|wanted| wanted(position));
-        wanted.then_some(position)
     }
 
-    /// Adds the other columns of the `kept` entries.
+    /// Adds the `kept` entries as points.
     fn describe(
         &self,
         kept: &[usize],
         (block, seen, consensus): (&Block, &[Seen], &Consensus),
         finish: &Finish<'_>,
-        points: &mut Points,
+        (room, points): (&mut Room, &mut Points),
     ) {
+        let kept_ones = kept.iter().copied();
+        points
+            .positions
+            .extend(kept_ones.clone().map(|i| room.position(i)));
+        let views = kept_ones.clone().map(|i| consensus.count[i] + 1);
+        points.view_counts.extend(views);
+        let violations = kept_ones.clone().map(|i| consensus.violations[i]);
+        points.violations.extend(violations);
         let focal = 0.5 * (self.view.camera.focal().x + self.view.camera.focal().y);
-        for &i in kept {
-            points.view_counts.push(consensus.count[i] + 1);
-            points.violations.push(consensus.violations[i]);
-            #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
-            points
-                .scales
-                .push((fused(block, consensus, i) / focal) as f32);
-            points.visible_in.push(number(self.number));
-            let agreeing = self.agreeing(i, seen);
-            points
-                .visible_in
-                .extend(agreeing.map(|(source, _)| number(source.number)));
+        #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
+        let scale = |i: usize| {
+            let fused = f64::from(block.depth[i]) + f64::from(consensus.delta[i]);
+            (fused / focal) as f32
+        };
+        points.scales.extend(kept_ones.clone().map(scale));
+        if finish.columns.has(Columns::VISIBLE) {
+            for &i in kept {
+                points.visible_in.push(number(self.number));
+                let pairs = self.sources.iter().zip(seen);
+                let agreeing = pairs.filter(|(_, seen)| seen.agrees[i] == 1);
+                let numbers = agreeing.map(|(source, _)| number(source.number));
+                points.visible_in.extend(numbers);
+            }
         }
-        let pixels = kept.iter().map(|&i| block.pixel[i] as usize);
         if finish.columns.has(Columns::NORMALS) {
-            let normals = pixels.clone().map(|at| self.normal(at, finish));
-            points.normals.extend(normals);
+            self.add_normals(kept, block, finish, (room, &mut points.normals));
         }
         if finish.columns.has(Columns::COLORS) {
-            self.add_colors(kept, (block, seen), finish, &mut points.colors);
+            self.add_colors(kept, (block, seen), finish, (room, &mut points.colors));
         }
         if finish.columns.has(Columns::CONFIDENCES) {
             let confidence = finish.confidence.as_ref();
-            let of = |at: usize| confidence.map_or(1.0, |map| map.values()[at]);
-            points.confidences.extend(pixels.map(of));
+            let of = |i: usize| confidence.map_or(1.0, |map| map.values()[block.pixel[i] as usize]);
+            points.confidences.extend(kept_ones.map(of));
         }
     }
 
-    fn agreeing<'s>(
-        &'s self,
-        i: usize,
-        seen: &'s [Seen],
-    ) -> impl Iterator<Item = (&'s Source, &'s Seen)> {
-        let pairs = self.sources.iter().zip(seen);
-        pairs.filter(move |(_, seen)| seen.agrees[i] == 1)
-    }
-
-    fn displacement(&self, i: usize, point: DVec3, seen: &[Seen]) -> DVec3 {
-        let agreeing: Vec<(DVec3, f32)> = self
-            .agreeing(i, seen)
-            .map(|(source, seen)| (source.center, seen.ratio[i]))
-            .collect();
-        mean_displacement(point, &agreeing)
-    }
-
-    /// The given normal or the fitted one, in the world; zero where there is none.
-    fn normal(&self, at: usize, finish: &Finish<'_>) -> Vec3 {
-        let (column, row) = (at % self.samples.width(), at / self.samples.width());
-        let in_cam = match &finish.normals {
-            Some(map) => Some(Vec3::from(map.values()[at])),
-            None => normals::from_depth(
-                &self.samples,
-                &self.view.camera,
-                (column, row),
-                self.options.similar_depth,
-            ),
+    /// The given normals or the fitted ones, in the world; zero where there is none.
+    fn add_normals(
+        &self,
+        kept: &[usize],
+        block: &Block,
+        finish: &Finish<'_>,
+        (room, normals): (&mut Room, &mut Vec<Vec3>),
+    ) {
+        let to_world = |in_cam: Vec3| {
+            let normal = self.view.pose.direction_to_world(in_cam.as_dvec3());
+            normal.as_vec3()
         };
-        in_cam.map_or(Vec3::ZERO, |normal| {
-            self.view
-                .pose
-                .direction_to_world(normal.as_dvec3())
-                .as_vec3()
-        })
+        if let Some(map) = &finish.normals {
+            let given = |&i: &usize| to_world(Vec3::from(map.values()[block.pixel[i] as usize]));
+            return normals.extend(kept.iter().map(given));
+        }
+        room.copy_windows(kept, block, &self.samples);
+        Arch::new().dispatch(Face {
+            frame: &finish.frame,
+            block,
+            unit: self.samples.unit(),
+            similar: self.options.similar_depth,
+            room,
+        });
+        let fitted = |&i: &usize| {
+            room.normal(i).unwrap_or_else(|| {
+                let at = block.pixel[i] as usize;
+                let pixel = (at % self.samples.width(), at / self.samples.width());
+                let (camera, similar) = (&self.view.camera, self.options.similar_depth);
+                let gappy = normals::from_depth(&self.samples, camera, pixel, similar);
+                gappy.map_or(Vec3::ZERO, to_world)
+            })
+        };
+        normals.extend(kept.iter().map(fitted));
     }
 
     /// The colours of the reference's image, or the means over all images that agree: the
@@ -306,34 +336,37 @@ impl Reference<'_> {
         kept: &[usize],
         (block, seen): (&Block, &[Seen]),
         finish: &Finish<'_>,
-        colors: &mut Vec<[u8; 3]>,
+        (room, colors): (&mut Room, &mut Vec<[u8; 3]>),
     ) {
-        let mut sums = [[0u32; 3]; BLOCK];
-        let mut counts = [0u32; BLOCK];
-        if let Some(image) = &finish.image {
+        let Some(image) = &finish.image else {
+            return colors.extend(kept.iter().map(|_| [255; 3]));
+        };
+        if image.size() == (self.view.camera.width(), self.view.camera.height()) {
+            room.own_colors(kept, |i| image.values()[block.pixel[i] as usize]);
+        } else {
             let scale = self.scale(image);
-            for &i in kept {
-                let own = sampling::color(image, center(block, i) * scale);
-                sums[i] = own.map(u32::from);
-                counts[i] = 1;
-            }
+            let center = |i: usize| DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));
+            room.own_colors(kept, |i| sampling::color(image, center(i) * scale));
         }
+        let arch = Arch::new();
         // Source by source, so that the fetches from its image do not wait for each other.
         let all = self.options.colors == Colors::Mean;
         for (source, seen) in self.sources.iter().zip(seen).filter(|_| all) {
-            let Some(image) = &source.image else { continue };
-            for &i in kept {
-                let color = image.nearest(seen.x[i], seen.y[i]);
-                for (sum, value) in sums[i].iter_mut().zip(color) {
-                    *sum += seen.agrees[i] * u32::from(value);
-                }
-                counts[i] += seen.agrees[i];
-            }
+            let Some(SourceImage { image, scale }) = &source.image else {
+                continue;
+            };
+            arch.dispatch(Locate {
+                seen,
+                scale: *scale,
+                size: image.size(),
+                room,
+            });
+            room.fetch(kept, image);
+            let agrees = &seen.agrees;
+            arch.dispatch(Add { agrees, room });
         }
-        colors.extend(kept.iter().map(|&i| match counts[i] {
-            0 => [255; 3],
-            count => sums[i].map(|sum| rounded_mean(sum, count)),
-        }));
+        arch.dispatch(Mean(room));
+        colors.extend(kept.iter().map(|&i| room.color(i)));
     }
 
     /// Image pixels per depth pixel.
@@ -343,21 +376,6 @@ impl Reference<'_> {
             f64::from(image.height()) / f64::from(self.view.camera.height()),
         )
     }
-}
-
-/// The mean of `count` ≥ 1 bytes whose sum is `sum`, to the nearest.
-fn rounded_mean(sum: u32, count: u32) -> u8 {
-    u8::try_from((sum + count / 2) / count).unwrap_or(u8::MAX)
-}
-
-/// Continuous image coordinates of entry `i`.
-fn center(block: &Block, i: usize) -> DVec2 {
-    DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]))
-}
-
-/// Fused depth of entry `i`.
-fn fused(block: &Block, consensus: &Consensus, i: usize) -> f64 {
-    f64::from(block.depth[i]) + f64::from(consensus.delta[i])
 }
 
 fn number(index: usize) -> u32 {

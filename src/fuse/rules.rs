@@ -8,7 +8,6 @@
 use super::kernel::{BLOCK, Block, Footprint, Pair, Seen, Taps};
 use super::options::{FuseMode, FuseOptions, Sampling};
 use super::samples::Samples;
-use glam::DVec3;
 use mvs_datasets::scene::View;
 use pulp::{Simd, WithSimd};
 
@@ -27,6 +26,8 @@ pub(super) struct Bounds {
     tight: f32,
     /// Below this ratio of expected depth to depth, the source sees through the point.
     through: f32,
+    /// Above this ratio the source sees something in front of the point.
+    occluded: f32,
 }
 
 impl Bounds {
@@ -45,6 +46,7 @@ impl Bounds {
             relative: options.max_depth_error as f32,
             tight: tight as f32,
             through: (1.0 - options.max_depth_error) as f32,
+            occluded: (1.0 + options.max_depth_error) as f32,
         }
     }
 }
@@ -55,6 +57,8 @@ pub(super) struct Consensus {
     pub(super) count: [u32; BLOCK],
     /// Sources that see through the point and do not agree.
     pub(super) violations: [u32; BLOCK],
+    /// What [`Witnesses`] counts.
+    witnesses: Witnesses,
     /// Fused depth minus the reference's.
     pub(super) delta: [f32; BLOCK],
     /// Whether enough sources agree.
@@ -66,9 +70,54 @@ impl Consensus {
         Self {
             count: [0; BLOCK],
             violations: [0; BLOCK],
+            witnesses: Witnesses::new(),
             delta: [0.0; BLOCK],
             enough: [false; BLOCK],
         }
+    }
+}
+
+/// Who can judge a pixel at all: for those that hardly any source sees.
+struct Witnesses {
+    /// Sources that agree within half the bounds.
+    close: [u32; BLOCK],
+    /// Sources that see the point's place, nothing in front of it, and do not agree.
+    against: [u32; BLOCK],
+    /// Sources on whose image the point lies, where they have no depth.
+    silent: [u32; BLOCK],
+}
+
+/// Sources that must agree closely where nobody else can judge.
+const FEWEST: u32 = 2;
+/// Silent sources up to which that holds: holes are common, and more are the sky's.
+const MOST_SILENT: u32 = 2;
+
+impl Witnesses {
+    fn new() -> Self {
+        Self {
+            close: [0; BLOCK],
+            against: [0; BLOCK],
+            silent: [0; BLOCK],
+        }
+    }
+
+    #[inline(always)]
+    fn hear(&mut self, seen: &Seen, bounds: &Bounds) {
+        for i in 0..BLOCK {
+            let near =
+                (seen.pixel2[i] < 0.25 * bounds.pixel2) | (seen.relative[i] < 0.5 * bounds.tight);
+            let close = near & (seen.relative[i] < 0.5 * bounds.relative);
+            let judges = (seen.near[i] > 0.0) & (seen.near[i] <= bounds.occluded);
+            let silent = (seen.z[i] > 0.0) & (seen.near[i] <= 0.0);
+            self.close[i] += seen.agrees[i] & u32::from(close);
+            self.against[i] += (1 - seen.agrees[i]) & u32::from(judges);
+            self.silent[i] += (1 - seen.agrees[i]) & u32::from(silent);
+        }
+    }
+
+    #[inline(always)]
+    fn suffice(&self, i: usize) -> bool {
+        (self.close[i] >= FEWEST) & (self.against[i] == 0) & (self.silent[i] <= MOST_SILENT)
     }
 }
 
@@ -128,6 +177,8 @@ pub(super) struct Court<'a> {
     pub(super) bounds: Bounds,
     /// Sources that must agree.
     pub(super) needed: u32,
+    /// Whether [`FEWEST`] do where nobody else can judge.
+    pub(super) soften: bool,
     pub(super) sources: &'a [Against<'a>],
 }
 
@@ -137,7 +188,7 @@ pub(super) struct Verdict {
     pub(super) seen: Vec<Seen>,
     /// Fused depth minus the reference's, by source: room for sorting.
     sorted: Vec<[f32; BLOCK]>,
-    footprint: Footprint,
+    footprints: Vec<Footprint>,
     pub(super) consensus: Consensus,
 }
 
@@ -146,7 +197,7 @@ impl Verdict {
         Self {
             seen: vec![Seen::new(); sources],
             sorted: vec![[0.0; BLOCK]; sources + 1],
-            footprint: Footprint::new(),
+            footprints: (0..sources).map(|_| Footprint::new()).collect(),
             consensus: Consensus::new(),
         }
     }
@@ -173,11 +224,19 @@ impl WithSimd for Case<'_> {
         let Verdict {
             seen,
             sorted,
-            footprint,
+            footprints,
             consensus,
         } = verdict;
         *consensus = Consensus::new();
-        for (source, seen) in court.sources.iter().zip(seen.iter_mut()) {
+        // All sources are projected first, so that their samples have time to come.
+        for at in 0..court.sources.len() {
+            let source = &court.sources[at];
+            let (seen, footprint) = (&mut seen[at], &mut footprints[at]);
+            source.pair.project(block, source.samples, seen, footprint);
+        }
+        for at in 0..court.sources.len() {
+            let source = &court.sources[at];
+            let (seen, footprint) = (&mut seen[at], &mut footprints[at]);
             let map = (source.samples, court.taps);
             source.pair.look(block, map, footprint, seen);
             match court.rule {
@@ -186,9 +245,13 @@ impl WithSimd for Case<'_> {
                 Rule::Average | Rule::Median | Rule::Keep => within_bounds(seen, &court.bounds),
             }
             tally(seen, &court.bounds, consensus);
+            if court.soften {
+                consensus.witnesses.hear(seen, &court.bounds);
+            }
         }
         for i in 0..BLOCK {
-            consensus.enough[i] = consensus.count[i] >= court.needed;
+            let suffice = court.soften & consensus.witnesses.suffice(i);
+            consensus.enough[i] = suffice | (consensus.count[i] >= court.needed);
         }
         match court.rule {
             Rule::Average => mean(seen, consensus),
@@ -325,23 +388,13 @@ pub(super) fn disparity_scale(reference: &View, source: &View, options: &FuseOpt
     (reference.camera.focal().x * between.length() / options.max_disparity_error) as f32
 }
 
-/// `gipuma`: where the mean of the points of the reference and the agreeing sources lies from the
-/// reference's `point`, in the reference's camera frame. For each agreeing source: its centre C in
-/// that frame and expected / sampled depth. The source's point is C + (X − C) · sampled / expected.
-pub(super) fn mean_displacement(point: DVec3, agreeing: &[(DVec3, f32)]) -> DVec3 {
-    let moved = |(center, ratio): &(DVec3, f32)| (1.0 / f64::from(*ratio) - 1.0) * (point - center);
-    let sum: DVec3 = agreeing.iter().map(moved).sum();
-    #[allow(clippy::cast_precision_loss, reason = "a number of views")]
-    let count = (agreeing.len() + 1) as f64;
-    sum / count
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fuse::Estimate;
     use crate::fuse::samples::Unit;
     use crate::fuse::testing::{Plane, arc, spoil};
+    use glam::DVec3;
     use pulp::Arch;
 
     /// What every source says, and the consensus, bit by bit.
@@ -351,6 +404,7 @@ mod tests {
             violations,
             delta,
             enough,
+            witnesses: _,
         } = &verdict.consensus;
         let mut bits: Vec<u32> = count.iter().chain(violations).copied().collect();
         bits.extend(delta.iter().map(|value| value.to_bits()));
@@ -379,6 +433,32 @@ mod tests {
         )
     }
 
+    /// Four that agree, or two that do closely and none that could object, pixel by pixel; how many
+    /// pass by the second.
+    fn check_softened(block: &Block, verdict: &Verdict, bounds: &Bounds) -> usize {
+        let mut softened = 0;
+        for i in 0..block.len {
+            let (mut agreeing, mut close, mut silent, mut objects) = (0, 0, 0, false);
+            for seen in &verdict.seen {
+                let error = seen.relative[i];
+                let half = error < bounds.relative / 2.0;
+                let half_pixel = seen.pixel2[i].sqrt() < bounds.pixel2.sqrt() / 2.0;
+                if seen.agrees[i] == 1 {
+                    agreeing += 1;
+                    close += usize::from(half && (half_pixel || error < bounds.tight / 2.0));
+                } else if seen.z[i] > 0.0 {
+                    // Nothing there; or something, and not in front.
+                    silent += usize::from(seen.near[i] == 0.0);
+                    objects |= seen.near[i] > 0.0 && seen.near[i] <= 1.01;
+                }
+            }
+            let suffice = close >= 2 && silent <= 2 && !objects;
+            assert_eq!(verdict.consensus.enough[i], agreeing >= 4 || suffice);
+            softened += usize::from(agreeing < 4 && suffice);
+        }
+        softened
+    }
+
     /// All pixels of a map that have a depth, in blocks; the last may be short.
     fn blocks(estimate: &Estimate) -> Vec<Block> {
         let mut blocks = vec![Block::new()];
@@ -392,7 +472,7 @@ mod tests {
                 blocks.push(Block::new());
             }
             let block = blocks.last_mut().unwrap();
-            block.push(row * width + column, column, row, depth);
+            block.push(width, column, row, depth);
         }
         blocks
     }
@@ -409,7 +489,7 @@ mod tests {
             spoil(estimate, index as u64, 2e-3, 0.05, 12);
         }
         let own = &estimates[0];
-        let mut enough = 0;
+        let (mut enough, mut softened) = (0, 0);
         for (rule, taps, unit) in [
             (Rule::Median, Taps::Valid(0.02), Unit::Inverse),
             (Rule::Average, Taps::Plain, Unit::Depth),
@@ -434,7 +514,8 @@ mod tests {
                 rule,
                 taps,
                 bounds: Bounds::new(&own.view, &options),
-                needed: 2,
+                needed: 4,
+                soften: matches!(rule, Rule::Average | Rule::Keep),
                 sources: &sources,
             };
             for block in &blocks(own) {
@@ -447,10 +528,13 @@ mod tests {
                 case(&mut plain).with_simd(pulp::Scalar::new());
                 Arch::new().dispatch(case(&mut wide));
                 assert!(bits(&plain) == bits(&wide), "{rule:?}");
+                if court.soften {
+                    softened += check_softened(block, &wide, &court.bounds);
+                }
                 enough += wide.consensus.enough.iter().filter(|&&e| e).count();
             }
         }
-        assert!(enough > 30_000, "{enough}");
+        assert!(enough > 30_000 && softened > 100, "{enough} {softened}");
     }
 
     #[test]

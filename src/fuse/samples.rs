@@ -6,6 +6,7 @@ use super::inputs::{DepthMaps, check_size};
 use super::options::{FuseOptions, Sampling};
 use crate::error::Result;
 use mvs_datasets::scene::{Mask, Raster, View};
+use std::sync::Arc;
 
 /// What the numbers of [`Samples`] are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,7 +44,7 @@ pub(super) struct Samples {
     height: usize,
     unit: Unit,
     /// (width + 2) × (height + 2), row-major.
-    values: Vec<f32>,
+    values: Arc<Vec<f32>>,
     /// What the filters left out of it.
     left_out: FuseCounts,
 }
@@ -51,24 +52,27 @@ pub(super) struct Samples {
 impl Samples {
     /// From one stored value per pixel, row-major.
     pub(super) fn new(size: (u32, u32), unit: Unit, stored: &[f32]) -> Self {
-        let mut samples = Self::empty(size, unit);
-        let rows = stored.chunks_exact(samples.width).enumerate();
-        for (row, from) in rows.take(samples.height) {
-            samples.row_mut(row).copy_from_slice(from);
-        }
-        samples
+        let (width, height) = (size.0 as usize, size.1 as usize);
+        let mut values = bordered(width, height);
+        let rows = inner_rows(&mut values, width).zip(stored.chunks_exact(width));
+        rows.for_each(|(to, from)| to.copy_from_slice(from));
+        Self::from_bordered(size, unit, Arc::new(values))
     }
 
-    /// A map without depths.
-    fn empty((width, height): (u32, u32), unit: Unit) -> Self {
-        let (width, height) = (width as usize, height as usize);
+    /// From the values of [`Samples::values`].
+    pub(super) fn from_bordered(size: (u32, u32), unit: Unit, values: Arc<Vec<f32>>) -> Self {
         Self {
-            width,
-            height,
+            width: size.0 as usize,
+            height: size.1 as usize,
             unit,
-            values: vec![0.0; (width + 2) * (height + 2)],
+            values,
             left_out: FuseCounts::default(),
         }
+    }
+
+    /// The values with the border, to be kept.
+    pub(super) fn into_values(self) -> Vec<f32> {
+        Arc::unwrap_or_clone(self.values)
     }
 
     /// All pixels, and what the filters left out of them, by reason.
@@ -104,11 +108,6 @@ impl Samples {
         &self.values[start..start + self.width]
     }
 
-    fn row_mut(&mut self, row: usize) -> &mut [f32] {
-        let start = (row + 1) * self.stride() + 1;
-        &mut self.values[start..start + self.width]
-    }
-
     /// The stored values of the 3×3 pixels around one, rows from the top; 0 beyond the map.
     pub(super) fn around(&self, column: usize, row: usize) -> [[f32; 3]; 3] {
         std::array::from_fn(|below| {
@@ -133,6 +132,17 @@ pub(super) enum Filters {
     All,
 }
 
+/// Zeros for a map with its border.
+pub(super) fn bordered(width: usize, height: usize) -> Vec<f32> {
+    vec![0.0; (width + 2) * (height + 2)]
+}
+
+/// The rows of a bordered map without the border.
+fn inner_rows(values: &mut [f32], width: usize) -> impl Iterator<Item = &mut [f32]> {
+    let rows = values.chunks_exact_mut(width + 2).skip(1);
+    rows.map(move |row| &mut row[1..=width])
+}
+
 /// A view's depth map after the filters.
 pub(super) fn prepare(
     maps: &dyn DepthMaps,
@@ -148,23 +158,40 @@ pub(super) fn prepare(
         check_size(view, mask.size(), "mask")?;
     }
     let filter = PixelFilter::new(view, options, mask);
-    let mut samples = Samples::empty(depth.size(), Unit::of(options));
+    let unit = Unit::of(options);
+    let (width, height) = (depth.width() as usize, depth.height() as usize);
+    let mut values = bordered(width, height);
     let mut counts = FuseCounts {
         pixels: depth.values().len() as u64,
         ..FuseCounts::default()
     };
-    let (width, unit) = (samples.width, samples.unit);
-    for (row, from) in depth.values().chunks_exact(width).enumerate() {
-        let pixels = (row * width..).zip(from);
-        for (to, (pixel, &depth)) in samples.row_mut(row).iter_mut().zip(pixels) {
+    let rows = inner_rows(&mut values, width).zip(depth.raster().rows());
+    for (row, (to, from)) in rows.enumerate() {
+        if filter.passes_all() {
+            counts.empty += convert_row(unit, from, to);
+            continue;
+        }
+        for (to, (pixel, &depth)) in to.iter_mut().zip((row * width..).zip(from)) {
             *to = filter.keep(pixel, unit, depth, &mut counts);
         }
     }
+    let mut samples = Samples::from_bordered(depth.size(), unit, Arc::new(values));
     samples.left_out = counts;
     match filters {
         Filters::All => keep_confident(samples, maps, index, options),
         Filters::Depth => Ok(samples),
     }
+}
+
+/// Puts the stored values of depths into `to`; how many have none.
+fn convert_row(unit: Unit, from: &[f32], to: &mut [f32]) -> u64 {
+    let mut empty = 0u32;
+    for (to, &depth) in to.iter_mut().zip(from) {
+        let stored = unit.convert(depth);
+        empty += u32::from(stored <= 0.0);
+        *to = stored;
+    }
+    u64::from(empty)
 }
 
 /// `samples` of the view at `index` through the last filter: without what has too little confidence
@@ -179,16 +206,18 @@ pub(super) fn keep_confident(
         return Ok(samples);
     };
     let least = threshold(&confidence, options);
-    let mut unconfident = 0;
-    for (row, confidences) in confidence.rows().enumerate() {
-        let row = samples.row_mut(row).iter_mut();
-        for (stored, &confidence) in row.zip(confidences) {
+    let width = samples.width;
+    // Copies them where others use them too.
+    let values = Arc::make_mut(&mut samples.values);
+    for (row, confidences) in inner_rows(values, width).zip(confidence.rows()) {
+        let mut unconfident = 0u32;
+        for (stored, &confidence) in row.iter_mut().zip(confidences) {
             let kept = confidence >= least;
-            unconfident += u64::from(*stored > 0.0 && !kept);
+            unconfident += u32::from((*stored > 0.0) & !kept);
             *stored = if kept { *stored } else { 0.0 };
         }
+        samples.left_out.unconfident += u64::from(unconfident);
     }
-    samples.left_out.unconfident += unconfident;
     Ok(samples)
 }
 
@@ -220,6 +249,11 @@ impl PixelFilter {
             far = far.min(range.max());
         }
         Self { mask, near, far }
+    }
+
+    /// Whether every depth passes.
+    fn passes_all(&self) -> bool {
+        self.mask.is_none() && self.near <= 0.0 && self.far.is_infinite()
     }
 
     /// The stored value, or 0 and a reason counted.

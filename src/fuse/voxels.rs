@@ -1,6 +1,5 @@
 //! One point per voxel: what several views' pixels say of the same place, merged.
 
-use super::counts::FuseCounts;
 use super::points::{Columns, PointSink, Points};
 use crate::error::{Error, Result};
 use glam::{DVec3, Vec3};
@@ -137,7 +136,7 @@ impl Cell {
 }
 
 impl PointSink for VoxelSink {
-    fn take(&mut self, points: &Points, _counts: &FuseCounts) -> Result<()> {
+    fn take(&mut self, points: &Points) -> Result<()> {
         let mut views = points.visible_in.as_slice();
         let columns = self.columns;
         for (at, &position) in points.positions.iter().enumerate() {
@@ -200,9 +199,8 @@ mod tests {
             ([-0.1, 0.1, 0.1], &[1]),
             ([0.3, 0.2, 0.1], &[2, 1, 4]),
         ]);
-        sink.take(&given, &FuseCounts::default()).unwrap();
-        sink.take(&points(&[([0.2, 0.3, 0.4], &[3])]), &FuseCounts::default())
-            .unwrap();
+        sink.take(&given).unwrap();
+        sink.take(&points(&[([0.2, 0.3, 0.4], &[3])])).unwrap();
         let (found, merged) = sink.finish();
         assert_eq!((found.len(), merged), (2, 2));
         let expected = DVec3::new(0.2, 0.2, 0.2);
@@ -232,6 +230,6 @@ mod tests {
         }
         let mut sink = VoxelSink::new(1e-12, Columns::default()).unwrap();
         let far = points(&[([1e6, 0.0, 0.0], &[0])]);
-        assert!(sink.take(&far, &FuseCounts::default()).is_err());
+        assert!(sink.take(&far).is_err());
     }
 }

@@ -59,6 +59,10 @@ pub struct FuseJob {
     pub properties: Properties,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
+    /// About how many MiB of maps to hold at a time; of that no result depends, so it is not
+    /// recorded.
+    #[serde(skip)]
+    pub memory: Option<usize>,
     /// How to fuse.
     pub fuse: FuseOptions,
 }
@@ -145,12 +149,12 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
     let region: Option<&Region<'_>> = if prism.is_some() { Some(&inside) } else { None };
-    let scratch = scratch(&maps, &job.out)?;
+    let (scratch, memory) = scratch(&maps, job)?;
     let inputs = FuseInputs {
         maps: &maps,
         region,
         scratch: scratch.as_ref(),
-        memory: MEMORY,
+        memory,
         progress: context.progress,
         warnings: context.warnings,
     };
@@ -169,13 +173,22 @@ fn read_prism(path: &Path) -> Result<Prism> {
     )?)
 }
 
-/// In memory where two passes' maps fit into the budget, else in files.
-fn scratch(maps: &FolderMaps<'_>, out: &Path) -> Result<Box<dyn Scratch>> {
-    let bytes = maps.pixels().saturating_mul(2 * size_of::<f32>() as u64);
-    if bytes <= MEMORY as u64 / 4 {
-        return Ok(Box::new(MemoryScratch::default()));
+/// In memory where two passes' maps take at most half of the budget, else in files; and what of the
+/// budget is left.
+fn scratch(maps: &FolderMaps<'_>, job: &FuseJob) -> Result<(Box<dyn Scratch>, usize)> {
+    let budget = job.memory.map_or(MEMORY, |mib| mib << 20);
+    let pixels = usize::try_from(maps.pixels()).unwrap_or(usize::MAX);
+    let bytes = match job.fuse.mode {
+        FuseMode::Hkust => pixels.saturating_mul(2 * size_of::<f32>()),
+        _ => 0,
+    };
+    if bytes <= budget / 2 {
+        return Ok((Box::new(MemoryScratch::default()), budget - bytes));
     }
-    Ok(Box::new(FileScratch(ScratchFolder::beside(out)?)))
+    Ok((
+        Box::new(FileScratch(ScratchFolder::beside(&job.out)?)),
+        budget,
+    ))
 }
 
 /// Fuses into the outputs, which appear only when they are whole and not empty.
@@ -240,7 +253,7 @@ fn fuse_into<W: Write + std::io::Seek>(
         let counts = fuse_maps(inputs, &job.fuse, &mut voxels)?;
         let (points, others) = voxels.finish();
         merged = others;
-        outputs.take(&points, &counts)?;
+        outputs.take(&points)?;
         counts
     };
     if outputs.ply.count() == 0 {

@@ -124,6 +124,7 @@ const REVIEWED_UNSAFE: &[&str] = &[
     "metrics/src/distance/wide.rs",
     "src/cli/memory.rs",
     "src/render/ahead.rs",
+    "src/fuse/prefetch.rs",
     "tests/it/architecture.rs",
 ];
 

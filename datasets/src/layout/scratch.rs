@@ -5,6 +5,9 @@ use crate::error::{Error, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Numbers written at a time.
+const PIECE: usize = 1 << 16;
+
 /// A folder of little-endian f32 arrays, removed with everything in it when dropped.
 #[derive(Debug)]
 pub struct ScratchFolder {
@@ -37,11 +40,16 @@ impl ScratchFolder {
 
     /// Keeps `values` under `key`, in place of what was there.
     pub fn store(&self, key: u64, values: &[f32]) -> Result<()> {
-        let bytes: Vec<u8> = values
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect();
-        files::write_atomically(&self.path(key), |out| out.write_all(&bytes))
+        let mut bytes = vec![0; 4 * PIECE.min(values.len())];
+        files::write_atomically(&self.path(key), |out| {
+            values.chunks(PIECE).try_for_each(|piece| {
+                let bytes = &mut bytes[..4 * piece.len()];
+                for (to, value) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(piece) {
+                    *to = value.to_le_bytes();
+                }
+                out.write_all(bytes)
+            })
+        })
     }
 
     /// What was stored under `key`.

@@ -323,6 +323,51 @@ fn the_gate_is_angle_aware() {
 }
 
 #[test]
+fn what_only_three_views_see_needs_no_fourth() {
+    let (wall, screen) = (
+        Plane {
+            normal: DVec3::Z,
+            offset: 0.0,
+        },
+        Plane {
+            normal: DVec3::Z,
+            offset: 0.5,
+        },
+    );
+    // The first three of seven views see the wall, the others a screen before it, or `behind` a
+    // hole in it.
+    let fused = |soften, behind: Option<Plane>, empty: &[u32]| {
+        let surface = |view: &View, pixel: DVec2| match view.id {
+            0..3 => wall.depth(view, pixel),
+            id if empty.contains(&id) => 0.0,
+            3 if behind.is_some() => behind.map_or(0.0, |plane| plane.depth(view, pixel)),
+            _ => screen.depth(view, pixel),
+        };
+        let estimates = arc(7, (160, 120), DVec3::ZERO, surface);
+        let options = FuseOptions {
+            min_sources: 3,
+            soften,
+            ..FuseOptions::default()
+        };
+        let fused = fuse(&estimates, &options, &Silent).unwrap();
+        assert_eq!(fused.counts.accounted(), fused.counts.pixels);
+        let middle = |p: &&DVec3| p.truncate().abs().max_element() < 0.3 && p.z < 0.25;
+        fused.cloud.positions().iter().filter(middle).count()
+    };
+    let all = fused(true, None, &[]);
+    assert!(all > 1000, "{all}");
+    assert_eq!(fused(false, None, &[]), 0);
+    // One that sees through the wall objects; two without a depth there do not, three do.
+    let far = Plane {
+        normal: DVec3::Z,
+        offset: -0.5,
+    };
+    assert_eq!(fused(true, Some(far), &[]), 0);
+    assert_eq!(fused(true, None, &[3, 4]), all);
+    assert_eq!(fused(true, None, &[3, 4, 5]), 0);
+}
+
+#[test]
 fn points_that_more_views_see_through_than_agree_with_are_left_out() {
     let (wall, ghost) = (
         Plane {

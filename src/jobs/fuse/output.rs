@@ -3,7 +3,7 @@
 use super::Properties;
 use super::maps::FolderMaps;
 use crate::error::{Error, Result};
-use crate::fuse::{Columns, DepthMaps, FuseCounts, PointSink, Points};
+use crate::fuse::{Columns, DepthMaps, PointSink, Points};
 use mvs_datasets::format::pfm;
 use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
 use mvs_datasets::layout::visible::VisibleWriter;
@@ -32,7 +32,7 @@ impl<W: Write + Seek> Outputs<'_, W> {
 }
 
 impl<W: Write + Seek> PointSink for Outputs<'_, W> {
-    fn take(&mut self, points: &Points, counts: &FuseCounts) -> Result<()> {
+    fn take(&mut self, points: &Points) -> Result<()> {
         if let Visible::Writer(writer) = &mut self.visible {
             let mut views = points.visible_in.as_slice();
             for &count in &points.view_counts {
@@ -42,9 +42,20 @@ impl<W: Write + Seek> PointSink for Outputs<'_, W> {
             }
         }
         if let Some(depths) = &mut self.depths {
-            depths.write(points, self.maps)?;
+            depths.add(points, self.maps)?;
         }
-        self.ply.take(points, counts)
+        self.ply.take(points)
+    }
+
+    fn view_done(&mut self) -> Result<()> {
+        match &mut self.depths {
+            Some(depths) => depths.write(self.maps),
+            None => Ok(()),
+        }
+    }
+
+    fn wants_visible(&self) -> bool {
+        matches!(self.visible, Visible::Writer(_))
     }
 }
 
@@ -68,6 +79,8 @@ pub(super) struct DepthFolder {
     path: PathBuf,
     /// Views whose points have come.
     done: usize,
+    /// What has come of the next view.
+    map: Option<Raster<f32>>,
 }
 
 impl DepthFolder {
@@ -78,18 +91,29 @@ impl DepthFolder {
             return Err(Error::exists(&there));
         }
         let path = path.to_path_buf();
-        Ok(Self { path, done: 0 })
+        Ok(Self {
+            path,
+            done: 0,
+            map: None,
+        })
     }
 
-    /// Writes the map of the next view: each point is at the pixel that it came from.
-    fn write(&mut self, points: &Points, maps: &FolderMaps<'_>) -> Result<()> {
+    /// The map of the next view.
+    fn map(&mut self, maps: &FolderMaps<'_>) -> Result<Raster<f32>> {
+        let camera = &maps.view(self.done).camera;
+        match self.map.take() {
+            Some(map) => Ok(map),
+            None => Ok(Raster::filled(camera.width(), camera.height(), 0.0)?),
+        }
+    }
+
+    /// Puts points of the next view at the pixels that they came from.
+    fn add(&mut self, points: &Points, maps: &FolderMaps<'_>) -> Result<()> {
+        let mut map = self.map(maps)?;
         let view = maps.view(self.done);
-        self.done += 1;
-        let camera = &view.camera;
-        let mut map = Raster::filled(camera.width(), camera.height(), 0.0f32)?;
         for &position in &points.positions {
             let in_cam = view.pose.to_cam(position);
-            let Some(pixel) = camera.project(in_cam) else {
+            let Some(pixel) = view.camera.project(in_cam) else {
                 continue;
             };
             let pixel = pixel.floor().as_uvec2(); // saturates
@@ -97,8 +121,16 @@ impl DepthFolder {
             #[allow(clippy::cast_possible_truncation, reason = "depths are f32")]
             map.set(column, row, in_cam.z as f32);
         }
-        let path = self.path.join(mvsnet::file_name(view.id, ".pfm"));
-        Ok(files::write_atomically(&path, |out| {
+        self.map = Some(map);
+        Ok(())
+    }
+
+    /// Writes the next view's map.
+    fn write(&mut self, maps: &FolderMaps<'_>) -> Result<()> {
+        let map = self.map(maps)?;
+        let name = mvsnet::file_name(maps.view(self.done).id, ".pfm");
+        self.done += 1;
+        Ok(files::write_atomically(&self.path.join(name), |out| {
             pfm::write_gray(out, &map)
         })?)
     }
@@ -196,7 +228,7 @@ impl<W: Write + Seek> PlySink<W> {
 }
 
 impl<W: Write + Seek> PointSink for PlySink<W> {
-    fn take(&mut self, points: &Points, _counts: &FuseCounts) -> Result<()> {
+    fn take(&mut self, points: &Points) -> Result<()> {
         let mut rows = std::mem::take(&mut self.rows);
         for start in (0..points.len()).step_by(ROWS) {
             rows.clear();

@@ -1,0 +1,490 @@
+//! The columns of finished points, a block at a time in the machine's vectors.
+
+#![allow(
+    clippy::needless_range_loop,
+    reason = "columns are walked side by side, and closures would leave the instruction set"
+)]
+
+use super::geometry::unprojection;
+use super::kernel::{BLOCK, Block, Seen};
+use super::rules::Consensus;
+use super::samples::{Samples, Unit};
+use glam::{DMat3, DVec3, Vec3};
+use mvs_datasets::scene::{ColorImage, View};
+use pulp::{Simd, WithSimd};
+
+/// From a view's pixels, and planes in its inverse depth, to the world.
+pub(super) struct Frame {
+    /// By column, R⁻¹·K⁻¹: pixel (u, v, 1) at unit depth to a direction in the world.
+    ray: [[f64; 3]; 3],
+    /// By column, −R⁻¹·Kᵀ: (a, b, c) of 1/d = a·u + b·v + c to a normal that faces the camera.
+    normal: [[f64; 3]; 3],
+    center: [f64; 3],
+}
+
+impl Frame {
+    pub(super) fn new(view: &View) -> Self {
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| view.pose.direction_to_world(axis));
+        let turn = DMat3::from_cols(axes[0], axes[1], axes[2]);
+        Self {
+            ray: (turn * unprojection(view)).to_cols_array_2d(),
+            normal: (-(turn * view.camera.intrinsics().transpose())).to_cols_array_2d(),
+            center: view.pose.center_in_world().to_array(),
+        }
+    }
+}
+
+/// Room for a block's columns; entries of pixels that are not kept mean nothing.
+pub(super) struct Room {
+    position: [[f64; BLOCK]; 3],
+    /// Stored values of the 3×3 pixels around each, rows from the top.
+    windows: [[f32; BLOCK]; 9],
+    normal: [[f32; BLOCK]; 3],
+    /// 1 where all of the window counts.
+    whole: [u32; BLOCK],
+    /// Pixels of an image: their place, then their colour, red in the lowest byte.
+    texel: [u32; BLOCK],
+    sums: [[u32; BLOCK]; 3],
+    colored: [u32; BLOCK],
+}
+
+impl Room {
+    pub(super) fn new() -> Self {
+        Self {
+            position: [[0.0; BLOCK]; 3],
+            windows: [[1.0; BLOCK]; 9],
+            normal: [[0.0; BLOCK]; 3],
+            whole: [0; BLOCK],
+            texel: [0; BLOCK],
+            sums: [[0; BLOCK]; 3],
+            colored: [0; BLOCK],
+        }
+    }
+
+    pub(super) fn position(&self, i: usize) -> DVec3 {
+        DVec3::from_array(self.position.map(|axis| axis[i]))
+    }
+
+    /// The normal by the whole window; `None` where that has gaps.
+    pub(super) fn normal(&self, i: usize) -> Option<Vec3> {
+        (self.whole[i] == 1).then(|| Vec3::from_array(self.normal.map(|axis| axis[i])))
+    }
+
+    /// Copies the window around each of the `kept` pixels.
+    pub(super) fn copy_windows(&mut self, kept: &[usize], block: &Block, map: &Samples) {
+        let (values, stride) = (map.values(), map.stride());
+        for &i in kept {
+            let first = block.place[i] as usize - stride - 1;
+            for row in 0..3 {
+                let three = &values[first + row * stride..][..3];
+                for column in 0..3 {
+                    self.windows[3 * row + column][i] = three[column];
+                }
+            }
+        }
+    }
+
+    /// Begins the means of colours with the reference's own.
+    pub(super) fn own_colors(&mut self, kept: &[usize], color: impl Fn(usize) -> [u8; 3]) {
+        self.colored = [1; BLOCK];
+        for &i in kept {
+            let own = color(i);
+            for channel in 0..3 {
+                self.sums[channel][i] = u32::from(own[channel]);
+            }
+        }
+    }
+
+    /// Replaces the places of texels by their colours.
+    pub(super) fn fetch(&mut self, kept: &[usize], image: &ColorImage) {
+        for &i in kept {
+            let [red, green, blue] = image.values()[self.texel[i] as usize];
+            self.texel[i] = u32::from_le_bytes([red, green, blue, 0]);
+        }
+    }
+
+    pub(super) fn color(&self, i: usize) -> [u8; 3] {
+        self.sums.map(|channel| channel[i].to_le_bytes()[0])
+    }
+}
+
+/// Where the block's points lie: at the fused depths.
+pub(super) struct Place<'a> {
+    pub(super) frame: &'a Frame,
+    pub(super) block: &'a Block,
+    pub(super) consensus: &'a Consensus,
+    pub(super) room: &'a mut Room,
+}
+
+impl WithSimd for Place<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (block, [a, b, c]) = (self.block, self.frame.ray);
+        for axis in 0..3 {
+            let center = self.frame.center[axis];
+            let to = &mut self.room.position[axis];
+            for i in 0..BLOCK {
+                let (u, v) = (f64::from(block.u[i]), f64::from(block.v[i]));
+                let depth = f64::from(block.depth[i]) + f64::from(self.consensus.delta[i]);
+                let direction = a[axis].mul_add(u, b[axis].mul_add(v, c[axis]));
+                to[i] = depth.mul_add(direction, center);
+            }
+        }
+    }
+}
+
+/// `gipuma`: moves the points to the mean of theirs and those of the agreeing sources. A source's
+/// point is C + (X − C) · sampled / expected depth, C its centre.
+pub(super) struct Gather<'a> {
+    /// The sources' centres in the world, and what they say.
+    pub(super) centers: &'a [DVec3],
+    pub(super) seen: &'a [Seen],
+    pub(super) consensus: &'a Consensus,
+    pub(super) room: &'a mut Room,
+}
+
+impl WithSimd for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    #[allow(clippy::cast_possible_wrap, reason = "a number of views")]
+    fn with_simd<S: Simd>(self, _: S) {
+        for axis in 0..3 {
+            let at = &mut self.room.position[axis];
+            let mut moved = [0.0f64; BLOCK];
+            for (center, seen) in self.centers.iter().zip(self.seen) {
+                let center = center[axis];
+                for i in 0..BLOCK {
+                    let by = (1.0 / f64::from(seen.ratio[i]) - 1.0) * (at[i] - center);
+                    moved[i] += if seen.agrees[i] == 1 { by } else { 0.0 };
+                }
+            }
+            for i in 0..BLOCK {
+                at[i] += moved[i] / f64::from((self.consensus.count[i] + 1) as i32);
+            }
+        }
+    }
+}
+
+/// Which way the planes through whole windows face: [`super::normals`], for the common case.
+pub(super) struct Face<'a> {
+    pub(super) frame: &'a Frame,
+    pub(super) block: &'a Block,
+    pub(super) unit: Unit,
+    /// Largest relative difference of inverse depths from the middle one.
+    pub(super) similar: f64,
+    pub(super) room: &'a mut Room,
+}
+
+impl WithSimd for Face<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        match self.unit {
+            Unit::Inverse => self.all(|value, _, inverse| value * inverse),
+            // 0, which is no depth, becomes ∞ and is not similar.
+            Unit::Depth => self.all(|value, middle, _| middle / value),
+        }
+    }
+}
+
+impl Face<'_> {
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "normals are f32")]
+    fn all(self, ratio: impl Fn(f64, f64, f64) -> f64) {
+        let (block, [a, b, c]) = (self.block, self.frame.normal);
+        let Room {
+            windows,
+            normal,
+            whole,
+            ..
+        } = self.room;
+        for i in 0..BLOCK {
+            let middle = f64::from(windows[4][i]);
+            let inverse = 1.0 / middle;
+            let mut off = [0.0f64; 9];
+            let mut all = true;
+            for at in 0..9 {
+                off[at] = ratio(f64::from(windows[at][i]), middle, inverse) - 1.0;
+                all &= off[at].abs() <= self.similar;
+            }
+            let column = |at: usize| off[at] + off[at + 3] + off[at + 6];
+            let row = |at: usize| off[at] + off[at + 1] + off[at + 2];
+            let slope_u = (column(2) - column(0)) / 6.0;
+            let slope_v = (row(6) - row(0)) / 6.0;
+            let offset = (column(0) + column(1) + column(2)) / 9.0;
+            let (u, v) = (f64::from(block.u[i]), f64::from(block.v[i]));
+            let constant = 1.0 + offset - slope_u * u - slope_v * v;
+            let along = |axis: usize| a[axis] * slope_u + b[axis] * slope_v + c[axis] * constant;
+            let (x, y, z) = (along(0), along(1), along(2));
+            let length = (x * x + y * y + z * z).sqrt();
+            normal[0][i] = (x / length) as f32;
+            normal[1][i] = (y / length) as f32;
+            normal[2][i] = (z / length) as f32;
+            whole[i] = u32::from(all & (length > 0.0));
+        }
+    }
+}
+
+/// Where a source's photograph shows the block: its nearest pixels, clamped to the image.
+pub(super) struct Locate<'a> {
+    pub(super) seen: &'a Seen,
+    /// Pixels of the image per pixel of the depth map.
+    pub(super) scale: [f32; 2],
+    pub(super) size: (u32, u32),
+    pub(super) room: &'a mut Room,
+}
+
+impl WithSimd for Locate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (seen, [wide, high]) = (self.seen, self.scale);
+        let (width, height) = self.size;
+        let (last_column, last_row) = ((width - 1) as f32, (height - 1) as f32);
+        for i in 0..BLOCK {
+            let column = whole((seen.x[i] - 0.5) * wide, last_column);
+            let row = whole((seen.y[i] - 0.5) * high, last_row);
+            self.room.texel[i] = seen.agrees[i] * (row * width + column);
+        }
+    }
+}
+
+/// The whole part of `value`, from 0 to `last`, which is whole and below 2^23.
+#[inline(always)]
+fn whole(value: f32, last: f32) -> u32 {
+    const ROUND: f32 = 8_388_608.0;
+    let value = if value > 0.0 { value.floor() } else { 0.0 };
+    let value = if value < last { value } else { last };
+    (value + ROUND).to_bits() & 0x7f_ffff
+}
+
+/// Adds the texels of an agreeing source to the sums.
+pub(super) struct Add<'a> {
+    pub(super) agrees: &'a [u32; BLOCK],
+    pub(super) room: &'a mut Room,
+}
+
+impl WithSimd for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Room {
+            texel,
+            sums,
+            colored,
+            ..
+        } = self.room;
+        for i in 0..BLOCK {
+            let (texel, agrees) = (texel[i], self.agrees[i]);
+            sums[0][i] += agrees * (texel & 255);
+            sums[1][i] += agrees * ((texel >> 8) & 255);
+            sums[2][i] += agrees * ((texel >> 16) & 255);
+            colored[i] += agrees;
+        }
+    }
+}
+
+/// Turns sums of bytes into their means, to the nearest.
+pub(super) struct Mean<'a>(pub(super) &'a mut Room);
+
+impl WithSimd for Mean<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    #[allow(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_wrap,
+        reason = "sums of bytes over fewer than 2^16 views"
+    )]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Room { sums, colored, .. } = self.0;
+        for channel in sums {
+            for i in 0..BLOCK {
+                // The quotient is a whole number or at least 1/count away from the next above.
+                let sum = (channel[i] + colored[i] / 2) as i32 as f32;
+                channel[i] = whole(sum / colored[i] as i32 as f32, 255.0);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fuse::normals::from_depth;
+    use crate::fuse::testing::{random_view, rng, uniform};
+    use glam::DVec2;
+    use pulp::Arch;
+
+    /// A block of pixels of a 640×480 view at random depths, its consensus and what a source says.
+    fn random_case(random: &mut rand_chacha::ChaCha8Rng) -> (Block, Consensus, Seen) {
+        let (mut block, mut consensus, mut seen) = (Block::new(), Consensus::new(), Seen::new());
+        for i in 0..BLOCK {
+            let column = uniform(random, 0.0, 640.0) as u32;
+            let row = uniform(random, 0.0, 480.0) as u32;
+            block.push(640, column, row, uniform(random, 2.0, 4.0) as f32);
+            consensus.delta[i] = uniform(random, -0.01, 0.01) as f32;
+            seen.agrees[i] = u32::from(uniform(random, 0.0, 1.0) < 0.7);
+            consensus.count[i] = seen.agrees[i];
+            seen.ratio[i] = uniform(random, 0.99, 1.01) as f32;
+            seen.x[i] = uniform(random, 0.0, 641.0) as f32;
+            seen.y[i] = uniform(random, 0.0, 481.0) as f32;
+        }
+        (block, consensus, seen)
+    }
+
+    #[test]
+    fn positions_are_those_of_camera_and_pose_and_gathered_ones_the_means() {
+        let mut random = rng(11);
+        let view = random_view(&mut random, 0);
+        let frame = Frame::new(&view);
+        let (block, consensus, seen) = random_case(&mut random);
+        let (mut plain, mut wide) = (Room::new(), Room::new());
+        let place = |room| Place {
+            frame: &frame,
+            block: &block,
+            consensus: &consensus,
+            room,
+        };
+        place(&mut plain).with_simd(pulp::Scalar::new());
+        Arch::new().dispatch(place(&mut wide));
+        let point = |i: usize| {
+            let pixel = DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));
+            let depth = f64::from(block.depth[i]) + f64::from(consensus.delta[i]);
+            view.pose.to_world(view.camera.ray(pixel) * depth)
+        };
+        for i in 0..BLOCK {
+            assert_eq!(plain.position(i), wide.position(i));
+            assert!((wide.position(i) - point(i)).length() < 1e-12);
+        }
+        let center = DVec3::new(0.3, -2.0, 5.0);
+        let centers = [center];
+        let gather = |room| Gather {
+            centers: &centers,
+            seen: std::slice::from_ref(&seen),
+            consensus: &consensus,
+            room,
+        };
+        gather(&mut plain).with_simd(pulp::Scalar::new());
+        Arch::new().dispatch(gather(&mut wide));
+        for i in 0..BLOCK {
+            assert_eq!(plain.position(i), wide.position(i));
+            let other = center + (point(i) - center) / f64::from(seen.ratio[i]);
+            let mean = match seen.agrees[i] {
+                1 => 0.5 * (point(i) + other),
+                _ => point(i),
+            };
+            assert!((wide.position(i) - mean).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn normals_of_whole_windows_are_those_of_the_general_fit() {
+        let mut random = rng(12);
+        let view = random_view(&mut random, 0);
+        let frame = Frame::new(&view);
+        let (block, _, _) = random_case(&mut random);
+        let kept: Vec<usize> = (0..BLOCK).collect();
+        for unit in [Unit::Depth, Unit::Inverse] {
+            let mut depth = |_| match uniform(&mut random, 0.0, 1.0) {
+                gone if gone < 0.02 => 0.0,
+                _ => unit.convert(uniform(&mut random, 2.99, 3.01) as f32),
+            };
+            let stored: Vec<f32> = (0..640 * 480).map(&mut depth).collect();
+            let map = Samples::new((640, 480), unit, &stored);
+            let (mut plain, mut wide) = (Room::new(), Room::new());
+            let similar = 0.006;
+            for room in [&mut plain, &mut wide] {
+                room.copy_windows(&kept, &block, &map);
+            }
+            let face = |room| Face {
+                frame: &frame,
+                block: &block,
+                unit,
+                similar,
+                room,
+            };
+            face(&mut plain).with_simd(pulp::Scalar::new());
+            Arch::new().dispatch(face(&mut wide));
+            let mut fitted = 0;
+            for i in 0..BLOCK {
+                assert_eq!(plain.normal(i), wide.normal(i));
+                let pixel = (block.u[i] as usize, block.v[i] as usize);
+                if let Some(found) = wide.normal(i) {
+                    fitted += 1;
+                    let expected = from_depth(&map, &view.camera, pixel, similar).unwrap();
+                    let expected = view.pose.direction_to_world(expected.as_dvec3());
+                    assert!((found.as_dvec3() - expected).length() < 1e-6);
+                }
+            }
+            assert!((20..BLOCK).contains(&fitted), "{fitted}");
+        }
+    }
+
+    #[test]
+    fn colours_are_fetched_at_the_nearest_pixel_and_their_means_are_rounded() {
+        let mut random = rng(13);
+        let (_, _, seen) = random_case(&mut random);
+        let size = (1280, 240);
+        let (mut plain, mut wide) = (Room::new(), Room::new());
+        let locate = |room| Locate {
+            seen: &seen,
+            scale: [2.0, 0.5],
+            size,
+            room,
+        };
+        locate(&mut plain).with_simd(pulp::Scalar::new());
+        Arch::new().dispatch(locate(&mut wide));
+        assert_eq!(plain.texel, wide.texel);
+        for i in 0..BLOCK {
+            let column = (((seen.x[i] - 0.5) * 2.0) as u32).min(size.0 - 1);
+            let row = (((seen.y[i] - 0.5) * 0.5) as u32).min(size.1 - 1);
+            assert_eq!(wide.texel[i], seen.agrees[i] * (row * size.0 + column));
+        }
+        for count in 1..300u32 {
+            let (mut plain, mut wide) = (Room::new(), Room::new());
+            let sum = |i: usize, channel: usize| {
+                let i = i as u32;
+                (i * 4 * count + i % count + channel as u32).min(255 * count)
+            };
+            for room in [&mut plain, &mut wide] {
+                room.colored = [count; BLOCK];
+                room.sums = std::array::from_fn(|channel| std::array::from_fn(|i| sum(i, channel)));
+            }
+            Mean(&mut plain).with_simd(pulp::Scalar::new());
+            Arch::new().dispatch(Mean(&mut wide));
+            for i in 0..BLOCK {
+                let mean = |channel| ((sum(i, channel) + count / 2) / count) as u8;
+                assert_eq!(wide.color(i), [mean(0), mean(1), mean(2)]);
+                assert_eq!(plain.color(i), wide.color(i));
+            }
+        }
+    }
+
+    #[test]
+    fn texels_are_added_where_the_source_agrees() {
+        let (mut plain, mut wide) = (Room::new(), Room::new());
+        let agrees = std::array::from_fn(|i| u32::from(i % 3 == 0));
+        for room in [&mut plain, &mut wide] {
+            room.texel = std::array::from_fn(|i| 0x30_20_10 + i as u32);
+            room.own_colors(&[0, 1, 2, 3], |_| [1, 2, 3]);
+        }
+        let add = |room| Add {
+            agrees: &agrees,
+            room,
+        };
+        add(&mut plain).with_simd(pulp::Scalar::new());
+        Arch::new().dispatch(add(&mut wide));
+        assert_eq!((plain.sums, plain.colored), (wide.sums, wide.colored));
+        assert_eq!(wide.sums.map(|channel| channel[3]), [0x14, 0x22, 0x33]);
+        assert_eq!(wide.sums.map(|channel| channel[1]), [1, 2, 3]);
+        assert_eq!(wide.colored[..4], [2, 1, 1, 2]);
+    }
+}
