@@ -10,8 +10,7 @@ use super::points::{Columns, PointSink, Points};
 use super::samples::{Filters, Samples, confidence, prepare};
 use crate::error::{Error, Result};
 use glam::{DVec2, DVec3, Vec3};
-use mvs_datasets::scene::{ColorImage, Mask, NormalMap};
-use std::sync::Arc;
+use mvs_datasets::scene::{ColorImage, NormalMap};
 
 /// COLMAP's limits on one cluster.
 const MAX_STEPS: u32 = 100;
@@ -22,7 +21,7 @@ struct Loaded {
     samples: Samples,
     normals: Option<NormalMap>,
     image: Option<ColorImage>,
-    last_used: usize,
+    last_used: u64,
 }
 
 impl Loaded {
@@ -41,12 +40,15 @@ struct Clusters<'a> {
     inputs: &'a FuseInputs<'a>,
     options: &'a FuseOptions,
     columns: Columns,
-    loaded: Vec<Option<Arc<Loaded>>>,
-    /// Pixels that are part of a cluster, per view.
-    used: Vec<Option<Mask>>,
+    loaded: Vec<Option<Loaded>>,
+    /// Bytes of all that is loaded.
+    held: usize,
+    /// Pixels that are part of a cluster, per view, a bit each; empty before the first.
+    used: Vec<Vec<u64>>,
     max_pixel2: f64,
     min_cosine: f64,
-    now: usize,
+    /// Pixels that were looked at so far.
+    now: u64,
 }
 
 /// A pixel of a cluster.
@@ -78,7 +80,8 @@ pub(super) fn fuse_clusters(
         options,
         columns: columns(inputs.maps, options).and(Columns::VISIBLE.when(sink.wants_visible())),
         loaded: (0..count).map(|_| None).collect(),
-        used: (0..count).map(|_| None).collect(),
+        held: 0,
+        used: vec![Vec::new(); count],
         max_pixel2: options.max_pixel_error * options.max_pixel_error,
         min_cosine: options.max_normal_angle.to_radians().cos(),
         now: 0,
@@ -87,12 +90,10 @@ pub(super) fn fuse_clusters(
     let mut total = FuseCounts::default();
     for view in 0..count {
         inputs.progress.check()?;
-        clusters.now = view;
         let (points, counts) = clusters.view(view)?;
         sink.take(&points)?;
         sink.view_done()?;
         total = total.plus(counts);
-        clusters.evict();
         inputs.progress.advance(1);
     }
     Ok(total)
@@ -101,19 +102,24 @@ pub(super) fn fuse_clusters(
 impl Clusters<'_> {
     /// The clusters that start in `view`.
     fn view(&mut self, view: usize) -> Result<(Points, FuseCounts)> {
-        let mut counts = self.load(view)?.samples.left_out();
+        self.load(view)?;
+        let left_out = |loaded: &Loaded| loaded.samples.left_out();
+        let mut counts = self.loaded[view]
+            .as_ref()
+            .map_or_else(FuseCounts::default, left_out);
         let confidences = confidence(self.inputs.maps, view)?;
         let mut points = Points::default();
+        let (mut members, mut stack) = (Vec::new(), Vec::new());
         let camera = self.inputs.maps.view(view).camera;
         for row in 0..camera.height() {
             for column in 0..camera.width() {
-                let start = Candidate {
+                stack.push(Candidate {
                     view,
                     column,
                     row,
                     steps: 0,
-                };
-                let members = self.grow(start)?;
+                });
+                self.grow(&mut stack, &mut members)?;
                 let size = members.len() as u64;
                 if members.is_empty() {
                     continue;
@@ -135,34 +141,29 @@ impl Clusters<'_> {
         Ok((points, counts))
     }
 
-    /// The pixels of the cluster that starts at `start`, which are used up by it.
-    fn grow(&mut self, start: Candidate) -> Result<Vec<Member>> {
-        let mut members: Vec<Member> = Vec::new();
-        let mut stack = vec![start];
+    /// Puts the pixels of the cluster that starts at the one on the stack into `members`; they are
+    /// used up by it. The stack is empty afterwards.
+    fn grow(&mut self, stack: &mut Vec<Candidate>, members: &mut Vec<Member>) -> Result<()> {
+        members.clear();
         while let Some(candidate) = stack.pop() {
-            let loaded = self.load(candidate.view)?;
-            let Some(member) = self.join(candidate, &loaded, members.first()) else {
+            self.load(candidate.view)?;
+            let Some(member) = self.join(candidate, members.first()) else {
                 continue;
             };
             let position = member.position;
             members.push(member);
             if members.len() >= MAX_PIXELS {
-                break;
-            }
-            if candidate.steps < MAX_STEPS {
-                self.push_neighbours(candidate, position, &mut stack);
+                stack.clear();
+            } else if candidate.steps < MAX_STEPS {
+                self.push_neighbours(candidate, position, stack);
             }
         }
-        Ok(members)
+        Ok(())
     }
 
-    /// The candidate as a member, if it has a depth, is unused and agrees with the first member.
-    fn join(
-        &mut self,
-        candidate: Candidate,
-        loaded: &Loaded,
-        first: Option<&Member>,
-    ) -> Option<Member> {
+    /// The candidate of a loaded view as a member, if it has a depth, is unused and agrees with the
+    /// first member.
+    fn join(&mut self, candidate: Candidate, first: Option<&Member>) -> Option<Member> {
         let Candidate {
             view: index,
             column,
@@ -170,14 +171,25 @@ impl Clusters<'_> {
             ..
         } = candidate;
         let view = self.inputs.maps.view(index);
-        let used = self.used[index].as_mut()?;
+        let loaded = self.loaded[index].as_ref()?;
         let (at_column, at_row) = (column as usize, row as usize);
         let stored = loaded.samples.row(at_row)[at_column];
-        if used.get(column, row) || stored <= 0.0 {
+        let bit = at_row * loaded.samples.width() + at_column;
+        let used = self.used[index].get_mut(bit / 64)?;
+        if stored <= 0.0 || *used >> (bit % 64) & 1 == 1 {
             return None;
         }
         let depth = f64::from(loaded.samples.unit().convert(stored));
         let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+        if let Some(first) = first {
+            let seen = view.pose.to_cam(first.position);
+            let projected = view.camera.project(seen)?;
+            let agrees = (seen.z / depth - 1.0).abs() <= self.options.max_depth_error
+                && projected.distance_squared(pixel) <= self.max_pixel2;
+            if !agrees {
+                return None;
+            }
+        }
         let in_cam = match &loaded.normals {
             Some(map) => Some(Vec3::from(map.get(column, row))),
             None => normals::from_depth(
@@ -190,17 +202,10 @@ impl Clusters<'_> {
         let normal = in_cam.map_or(Vec3::ZERO, |normal| {
             view.pose.direction_to_world(normal.as_dvec3()).as_vec3()
         });
-        if let Some(first) = first {
-            let seen = view.pose.to_cam(first.position);
-            let projected = view.camera.project(seen)?;
-            let agrees = (seen.z / depth - 1.0).abs() <= self.options.max_depth_error
-                && projected.distance_squared(pixel) <= self.max_pixel2
-                && f64::from(first.normal.dot(normal)) >= self.min_cosine;
-            if !agrees {
-                return None;
-            }
+        if first.is_some_and(|first| f64::from(first.normal.dot(normal)) < self.min_cosine) {
+            return None;
         }
-        used.set(column, row, true);
+        *used |= 1 << (bit % 64);
         Some(Member {
             view: index,
             position: view.pose.to_world(view.camera.ray(pixel) * depth),
@@ -286,28 +291,21 @@ impl Clusters<'_> {
         true
     }
 
-    fn load(&mut self, index: usize) -> Result<Arc<Loaded>> {
-        if let Some(loaded) = &self.loaded[index]
-            && loaded.last_used == self.now
-        {
-            return Ok(Arc::clone(loaded));
+    /// The maps of a view, read if they are not at hand; others go where they do not fit into the
+    /// budget, those first that were not looked at for the longest time.
+    fn load(&mut self, index: usize) -> Result<()> {
+        self.now += 1;
+        if let Some(loaded) = &mut self.loaded[index] {
+            loaded.last_used = self.now;
+            return Ok(());
         }
-        let loaded = match self.loaded[index].take() {
-            Some(mut loaded) => {
-                if let Some(loaded) = Arc::get_mut(&mut loaded) {
-                    loaded.last_used = self.now;
-                }
-                loaded
-            }
-            None => Arc::new(self.read(index)?),
-        };
-        if self.used[index].is_none() {
-            let (width, height) = (loaded.samples.width(), loaded.samples.height());
-            let size = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
-            self.used[index] = Some(Mask::filled(size(width), size(height), false)?);
-        }
-        self.loaded[index] = Some(Arc::clone(&loaded));
-        Ok(loaded)
+        let loaded = self.read(index)?;
+        self.held += loaded.bytes();
+        self.make_room();
+        let pixels = loaded.samples.width() * loaded.samples.height();
+        self.used[index].resize(pixels.div_ceil(64), 0);
+        self.loaded[index] = Some(loaded);
+        Ok(())
     }
 
     fn read(&self, index: usize) -> Result<Loaded> {
@@ -339,22 +337,14 @@ impl Clusters<'_> {
     }
 
     /// Lets go of the maps used least recently, until the rest fits into the budget.
-    fn evict(&mut self) {
-        let bytes = |loaded: &Option<Arc<Loaded>>| loaded.as_ref().map_or(0, |l| l.bytes());
-        let mut held: usize = self.loaded.iter().map(bytes).sum();
-        let mut order: Vec<(usize, usize)> = self
-            .loaded
-            .iter()
-            .enumerate()
-            .filter_map(|(index, loaded)| Some((loaded.as_ref()?.last_used, index)))
-            .collect();
-        order.sort_unstable();
-        for (_, index) in order {
-            if held <= self.inputs.memory {
+    fn make_room(&mut self) {
+        while self.held > self.inputs.memory {
+            let there = self.loaded.iter_mut().filter(|slot| slot.is_some());
+            let last_used = |slot: &&mut Option<Loaded>| slot.as_ref().map(|l| l.last_used);
+            let Some(oldest) = there.min_by_key(last_used).and_then(Option::take) else {
                 return;
-            }
-            held -= bytes(&self.loaded[index]);
-            self.loaded[index] = None;
+            };
+            self.held -= oldest.bytes();
         }
     }
 }

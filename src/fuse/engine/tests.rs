@@ -347,7 +347,7 @@ fn what_only_three_views_see_needs_no_fourth() {
         let options = FuseOptions {
             min_sources: 3,
             soften,
-            ..FuseOptions::default()
+            ..FuseOptions::of(FuseMode::Geo)
         };
         let fused = fuse(&estimates, &options, &Silent).unwrap();
         assert_eq!(fused.counts.accounted(), fused.counts.pixels);
