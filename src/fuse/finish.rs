@@ -7,6 +7,7 @@
 
 use super::geometry::unprojection;
 use super::kernel::{BLOCK, Block, Seen};
+use super::prefetch::ahead;
 use super::rules::Consensus;
 use super::samples::{Samples, Unit};
 use glam::{DMat3, DVec3, Vec3};
@@ -42,20 +43,20 @@ pub(super) struct Room {
     normal: [[f32; BLOCK]; 3],
     /// 1 where all of the window counts.
     whole: [u32; BLOCK],
-    /// Pixels of an image: their place, then their colour, red in the lowest byte.
-    texel: [u32; BLOCK],
+    /// Pixels of each source's image: their place, then their colour, red in the lowest byte.
+    texels: Vec<[u32; BLOCK]>,
     sums: [[u32; BLOCK]; 3],
     colored: [u32; BLOCK],
 }
 
 impl Room {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(sources: usize) -> Self {
         Self {
             position: [[0.0; BLOCK]; 3],
             windows: [[1.0; BLOCK]; 9],
             normal: [[0.0; BLOCK]; 3],
             whole: [0; BLOCK],
-            texel: [0; BLOCK],
+            texels: vec![[0; BLOCK]; sources],
             sums: [[0; BLOCK]; 3],
             colored: [0; BLOCK],
         }
@@ -95,11 +96,19 @@ impl Room {
         }
     }
 
-    /// Replaces the places of texels by their colours.
-    pub(super) fn fetch(&mut self, kept: &[usize], image: &ColorImage) {
+    /// Asks for the texels of a source's `image`, which are to be fetched later.
+    pub(super) fn ask(&self, source: usize, kept: &[usize], image: &ColorImage) {
         for &i in kept {
-            let [red, green, blue] = image.values()[self.texel[i] as usize];
-            self.texel[i] = u32::from_le_bytes([red, green, blue, 0]);
+            ahead(image.values(), self.texels[source][i] as usize);
+        }
+    }
+
+    /// Replaces the places of a source's texels by their colours.
+    pub(super) fn fetch(&mut self, source: usize, kept: &[usize], image: &ColorImage) {
+        let texels = &mut self.texels[source];
+        for &i in kept {
+            let [red, green, blue] = image.values()[texels[i] as usize];
+            texels[i] = u32::from_le_bytes([red, green, blue, 0]);
         }
     }
 
@@ -235,7 +244,8 @@ pub(super) struct Locate<'a> {
     /// Pixels of the image per pixel of the depth map.
     pub(super) scale: [f32; 2],
     pub(super) size: (u32, u32),
-    pub(super) room: &'a mut Room,
+    /// The number of the source, and room.
+    pub(super) to: (usize, &'a mut Room),
 }
 
 impl WithSimd for Locate<'_> {
@@ -246,11 +256,12 @@ impl WithSimd for Locate<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let (seen, [wide, high]) = (self.seen, self.scale);
         let (width, height) = self.size;
+        let texels = &mut self.to.1.texels[self.to.0];
         let (last_column, last_row) = ((width - 1) as f32, (height - 1) as f32);
         for i in 0..BLOCK {
             let column = whole((seen.x[i] - 0.5) * wide, last_column);
             let row = whole((seen.y[i] - 0.5) * high, last_row);
-            self.room.texel[i] = seen.agrees[i] * (row * width + column);
+            texels[i] = seen.agrees[i] * (row * width + column);
         }
     }
 }
@@ -267,7 +278,8 @@ fn whole(value: f32, last: f32) -> u32 {
 /// Adds the texels of an agreeing source to the sums.
 pub(super) struct Add<'a> {
     pub(super) agrees: &'a [u32; BLOCK],
-    pub(super) room: &'a mut Room,
+    /// The number of the source, and room.
+    pub(super) to: (usize, &'a mut Room),
 }
 
 impl WithSimd for Add<'_> {
@@ -275,14 +287,16 @@ impl WithSimd for Add<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        let (source, room) = self.to;
         let Room {
-            texel,
+            texels,
             sums,
             colored,
             ..
-        } = self.room;
+        } = room;
+        let texels = &texels[source];
         for i in 0..BLOCK {
-            let (texel, agrees) = (texel[i], self.agrees[i]);
+            let (texel, agrees) = (texels[i], self.agrees[i]);
             sums[0][i] += agrees * (texel & 255);
             sums[1][i] += agrees * ((texel >> 8) & 255);
             sums[2][i] += agrees * ((texel >> 16) & 255);
@@ -346,7 +360,7 @@ mod tests {
         let view = random_view(&mut random, 0);
         let frame = Frame::new(&view);
         let (block, consensus, seen) = random_case(&mut random);
-        let (mut plain, mut wide) = (Room::new(), Room::new());
+        let (mut plain, mut wide) = (Room::new(1), Room::new(1));
         let place = |room| Place {
             frame: &frame,
             block: &block,
@@ -399,7 +413,7 @@ mod tests {
             };
             let stored: Vec<f32> = (0..640 * 480).map(&mut depth).collect();
             let map = Samples::new((640, 480), unit, &stored);
-            let (mut plain, mut wide) = (Room::new(), Room::new());
+            let (mut plain, mut wide) = (Room::new(1), Room::new(1));
             let similar = 0.006;
             for room in [&mut plain, &mut wide] {
                 room.copy_windows(&kept, &block, &map);
@@ -433,23 +447,23 @@ mod tests {
         let mut random = rng(13);
         let (_, _, seen) = random_case(&mut random);
         let size = (1280, 240);
-        let (mut plain, mut wide) = (Room::new(), Room::new());
+        let (mut plain, mut wide) = (Room::new(1), Room::new(1));
         let locate = |room| Locate {
             seen: &seen,
             scale: [2.0, 0.5],
             size,
-            room,
+            to: (0, room),
         };
         locate(&mut plain).with_simd(pulp::Scalar::new());
         Arch::new().dispatch(locate(&mut wide));
-        assert_eq!(plain.texel, wide.texel);
+        assert_eq!(plain.texels, wide.texels);
         for i in 0..BLOCK {
             let column = (((seen.x[i] - 0.5) * 2.0) as u32).min(size.0 - 1);
             let row = (((seen.y[i] - 0.5) * 0.5) as u32).min(size.1 - 1);
-            assert_eq!(wide.texel[i], seen.agrees[i] * (row * size.0 + column));
+            assert_eq!(wide.texels[0][i], seen.agrees[i] * (row * size.0 + column));
         }
         for count in 1..300u32 {
-            let (mut plain, mut wide) = (Room::new(), Room::new());
+            let (mut plain, mut wide) = (Room::new(1), Room::new(1));
             let sum = |i: usize, channel: usize| {
                 let i = i as u32;
                 (i * 4 * count + i % count + channel as u32).min(255 * count)
@@ -470,15 +484,15 @@ mod tests {
 
     #[test]
     fn texels_are_added_where_the_source_agrees() {
-        let (mut plain, mut wide) = (Room::new(), Room::new());
+        let (mut plain, mut wide) = (Room::new(1), Room::new(1));
         let agrees = std::array::from_fn(|i| u32::from(i % 3 == 0));
         for room in [&mut plain, &mut wide] {
-            room.texel = std::array::from_fn(|i| 0x30_20_10 + i as u32);
+            room.texels[0] = std::array::from_fn(|i| 0x30_20_10 + i as u32);
             room.own_colors(&[0, 1, 2, 3], |_| [1, 2, 3]);
         }
         let add = |room| Add {
             agrees: &agrees,
-            room,
+            to: (0, room),
         };
         add(&mut plain).with_simd(pulp::Scalar::new());
         Arch::new().dispatch(add(&mut wide));

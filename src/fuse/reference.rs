@@ -130,7 +130,7 @@ impl Reference<'_> {
         points.clear();
         let mut counts = FuseCounts::default();
         let mut kept = Vec::with_capacity(BLOCK);
-        let mut room = Room::new();
+        let mut room = Room::new(self.sources.len());
         let width = self.samples.width();
         self.for_each_block(rows, width, |block, seen, consensus| {
             self.place((block, seen, consensus), finish, &mut room);
@@ -351,19 +351,26 @@ impl Reference<'_> {
         let arch = Arch::new();
         // Source by source, so that the fetches from its image do not wait for each other.
         let all = self.options.colors == Colors::Mean;
-        for (source, seen) in self.sources.iter().zip(seen).filter(|_| all) {
-            let Some(SourceImage { image, scale }) = &source.image else {
-                continue;
-            };
+        let images = || {
+            let images = self.sources.iter().map(|source| source.image.as_ref());
+            let asked = images.zip(seen).enumerate().filter(|_| all);
+            asked.filter_map(|(at, (image, seen))| Some((at, image?, seen)))
+        };
+        for (at, SourceImage { image, scale }, seen) in images() {
             arch.dispatch(Locate {
                 seen,
                 scale: *scale,
                 size: image.size(),
-                room,
+                to: (at, room),
             });
-            room.fetch(kept, image);
-            let agrees = &seen.agrees;
-            arch.dispatch(Add { agrees, room });
+            room.ask(at, kept, image);
+        }
+        for (at, SourceImage { image, .. }, seen) in images() {
+            room.fetch(at, kept, image);
+            arch.dispatch(Add {
+                agrees: &seen.agrees,
+                to: (at, room),
+            });
         }
         arch.dispatch(Mean(room));
         colors.extend(kept.iter().map(|&i| room.color(i)));
