@@ -21,7 +21,7 @@ struct Loaded {
     samples: Samples,
     normals: Option<NormalMap>,
     image: Option<ColorImage>,
-    last_used: u64,
+    last_used: usize,
 }
 
 impl Loaded {
@@ -47,8 +47,8 @@ struct Clusters<'a> {
     used: Vec<Vec<u64>>,
     max_pixel2: f64,
     min_cosine: f64,
-    /// Pixels that were looked at so far.
-    now: u64,
+    /// The view whose clusters are grown.
+    now: usize,
 }
 
 /// A pixel of a cluster.
@@ -90,6 +90,7 @@ pub(super) fn fuse_clusters(
     let mut total = FuseCounts::default();
     for view in 0..count {
         inputs.progress.check()?;
+        clusters.now = view;
         let (points, counts) = clusters.view(view)?;
         sink.take(&points)?;
         sink.view_done()?;
@@ -292,9 +293,9 @@ impl Clusters<'_> {
     }
 
     /// The maps of a view, read if they are not at hand; others go where they do not fit into the
-    /// budget, those first that were not looked at for the longest time.
+    /// budget, those first that were not looked at for the longest time. What the present view's
+    /// clusters have touched stays in any case, else they might be read over and over.
     fn load(&mut self, index: usize) -> Result<()> {
-        self.now += 1;
         if let Some(loaded) = &mut self.loaded[index] {
             loaded.last_used = self.now;
             return Ok(());
@@ -339,9 +340,13 @@ impl Clusters<'_> {
     /// Lets go of the maps used least recently, until the rest fits into the budget.
     fn make_room(&mut self) {
         while self.held > self.inputs.memory {
-            let there = self.loaded.iter_mut().filter(|slot| slot.is_some());
-            let last_used = |slot: &&mut Option<Loaded>| slot.as_ref().map(|l| l.last_used);
-            let Some(oldest) = there.min_by_key(last_used).and_then(Option::take) else {
+            let last_used = |slot: &Option<Loaded>| slot.as_ref().map(|l| l.last_used);
+            let idle = self.loaded.iter_mut();
+            let idle = idle.filter(|slot| last_used(slot).is_some_and(|used| used < self.now));
+            let Some(oldest) = idle
+                .min_by_key(|slot| last_used(slot))
+                .and_then(Option::take)
+            else {
                 return;
             };
             self.held -= oldest.bytes();
