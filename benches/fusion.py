@@ -2,10 +2,10 @@
 
 usage: python benches/fusion.py --binary target/release/mvs-eval
            --inputs target/release/examples/fusion_inputs --work FOLDER --out FOLDER
-           [--scenes tabletop:20x640x480 …] [--memory tabletop:100x640x480 …] [--repeats 3]
+           [--scenes tabletop:20x640x480 …] [--memory tabletop:100x640x480@16 …] [--repeats 3]
 
 Inputs are the project's synthetic scenes (0.1 % noise, 2 % outliers, flying pixels, holes), written by
-`cargo build --release --example fusion_inputs`. COLMAP gets the depths that pass our confidence
+`cargo build --release --example fusion_inputs`; for `--memory`, under a budget of so many MiB. COLMAP gets the depths that pass our confidence
 filter, exact normals, and a sparse model of exact surface points from which it chooses neighbours; we
 get depth and confidence maps and pair.txt. Every run is its own process on one thread; CPU time and
 peak memory are the system's account of it, reading, colours and writing included; an empty run of
@@ -112,12 +112,15 @@ def with_scores(args, folder, medians):
         print(row, flush=True)
 
 
-def memory(args, name):
+def memory(args, case):
+    name, _, budget = case.partition("@")
+    budget = budget or "512"
     folder = written(args, name)
     rows = []
     for mode in MODES:
         out = f"{folder}/{mode}.ply"
-        rows.append({"scene": name, "mode": mode, **measured(ours(args, folder, mode, out))})
+        command = ours(args, folder, mode, out) + ["--memory", budget]
+        rows.append({"scene": name, "mode": mode, "memory_mib": budget, **measured(command)})
         os.remove(out)
         print(rows[-1], flush=True)
     return rows
@@ -152,8 +155,8 @@ def main():
         with_scores(args, folder, medians)
         all_runs += runs
         all_medians += medians
-    for name in args.memory:
-        remembered += memory(args, name)
+    for case in args.memory:
+        remembered += memory(args, case)
     write(f"{args.out}/runs.csv", all_runs)
     write(f"{args.out}/fusion.csv", all_medians)
     write(f"{args.out}/memory.csv", remembered)

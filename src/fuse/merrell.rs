@@ -319,10 +319,7 @@ mod tests {
 
     #[test]
     fn a_rendered_plane_lies_on_the_plane_and_leaves_no_holes() {
-        let surface = Plane {
-            normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
-            offset: 0.1,
-        };
+        let surface = Plane::tilted();
         let estimates = arc(3, (64, 48), DVec3::ZERO, |view, pixel| {
             surface.depth(view, pixel)
         });

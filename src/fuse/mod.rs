@@ -115,16 +115,9 @@ mod tests {
         FuseOptions::of(FuseMode::Geo)
     }
 
-    fn plane() -> Plane {
-        Plane {
-            normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
-            offset: 0.1,
-        }
-    }
-
     #[test]
     fn a_noise_free_plane_fuses_onto_the_plane() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
+        let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
         // Bilinear depth on a slope is off by its curvature, which falls with the pixel's size
         // squared: 2e-6 of the depth at 64x48, 8e-8 here.
         let estimates = arc(5, (320, 240), DVec3::ZERO, surface);
@@ -143,7 +136,7 @@ mod tests {
         let inside = |position: &&DVec3| !estimates.iter().any(|e| at_border(&e.view, **position));
         let mut seen = 0;
         for position in fused.cloud.positions().iter().filter(inside) {
-            let error = plane().normal.dot(*position) - plane().offset;
+            let error = Plane::tilted().normal.dot(*position) - Plane::tilted().offset;
             assert!(error.abs() < 1e-6 * 3.5, "{error:e}");
             seen += 1;
         }
@@ -160,7 +153,7 @@ mod tests {
 
     #[test]
     fn half_a_pixel_in_the_intrinsics_moves_the_cloud() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
+        let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
         let mut estimates = arc(5, (64, 48), DVec3::ZERO, surface);
         for estimate in &mut estimates {
             let camera = estimate.view.camera;
@@ -170,7 +163,7 @@ mod tests {
                 mvs_datasets::scene::Camera::new(width, height, camera.focal(), center).unwrap();
         }
         let fused = fuse(&estimates, &geo(), &Silent).unwrap();
-        let error = |p: &DVec3| (plane().normal.dot(*p) - plane().offset).abs();
+        let error = |p: &DVec3| (Plane::tilted().normal.dot(*p) - Plane::tilted().offset).abs();
         let mean =
             fused.cloud.positions().iter().map(error).sum::<f64>() / fused.cloud.len() as f64;
         assert!(mean > 1e-3, "{mean:e}");
@@ -178,7 +171,7 @@ mod tests {
 
     #[test]
     fn counts_add_up_and_unconfident_and_lonely_pixels_are_left_out() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
+        let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
         let mut estimates = arc(5, (32, 24), DVec3::ZERO, surface);
         let mut values = vec![1.0; 32 * 24];
         values[..320].fill(0.5);
@@ -199,7 +192,7 @@ mod tests {
 
     #[test]
     fn the_image_colours_the_points_whatever_its_size() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
+        let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
         let mut estimates = arc(5, (32, 24), DVec3::ZERO, surface);
         let two_halves = |index: u32| {
             if index % 64 < 32 {
@@ -234,7 +227,7 @@ mod tests {
 
     #[test]
     fn the_same_cloud_at_any_number_of_threads() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
+        let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
         let estimates = arc(4, (40, 50), DVec3::ZERO, surface);
         let at = |threads| {
             with_threads(threads, || fuse(&estimates, &geo(), &Silent))
@@ -249,7 +242,7 @@ mod tests {
 
     #[test]
     fn misfits_are_named() {
-        let surface = |view: &View, pixel| plane().depth(view, pixel);
+        let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
         let estimates = arc(3, (8, 6), DVec3::ZERO, surface);
         let message = |estimates: &[Estimate], options: &FuseOptions| {
             fuse(estimates, options, &Silent).unwrap_err().to_string()

@@ -146,10 +146,7 @@ mod tests {
 
     #[test]
     fn a_plane_gives_its_normal_even_at_holes_and_borders() {
-        let plane = Plane {
-            normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
-            offset: 0.1,
-        };
+        let plane = Plane::tilted();
         let surface = |view: &View, pixel| plane.depth(view, pixel);
         let estimate = arc(3, (32, 24), DVec3::ZERO, surface).remove(0);
         let pose = &estimate.view.pose;

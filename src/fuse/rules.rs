@@ -479,10 +479,7 @@ mod tests {
 
     #[test]
     fn every_instruction_set_gives_the_same_bits() {
-        let plane = Plane {
-            normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
-            offset: 0.1,
-        };
+        let plane = Plane::tilted();
         let surface = |view: &View, pixel| plane.depth(view, pixel);
         let mut estimates = arc(6, (160, 120), DVec3::ZERO, surface);
         for (index, estimate) in estimates.iter_mut().enumerate() {

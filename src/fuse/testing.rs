@@ -45,6 +45,14 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
+    /// One that no camera of [`arc`] looks at head-on.
+    pub(super) fn tilted() -> Self {
+        Self {
+            normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
+            offset: 0.1,
+        }
+    }
+
     /// z-depth of the plane along the ray through `pixel` of `view`, 0 where it does not meet it.
     pub(crate) fn depth(&self, view: &View, pixel: DVec2) -> f64 {
         let center = view.pose.center_in_world();

@@ -5,15 +5,8 @@ use crate::progress::Silent;
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{DepthMap, View};
 
-fn plane() -> Plane {
-    Plane {
-        normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
-        offset: 0.1,
-    }
-}
-
 fn noisy(views: usize, size: (u32, u32)) -> Vec<Estimate> {
-    let surface = |view: &View, pixel| plane().depth(view, pixel);
+    let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
     let mut estimates = arc(views, size, DVec3::ZERO, surface);
     for (index, estimate) in estimates.iter_mut().enumerate() {
         spoil(estimate, index as u64, 1e-3, 0.03, 12);
@@ -22,7 +15,7 @@ fn noisy(views: usize, size: (u32, u32)) -> Vec<Estimate> {
 }
 
 fn off(points: &[DVec3]) -> Vec<f64> {
-    let error = |p: &DVec3| (plane().normal.dot(*p) - plane().offset).abs();
+    let error = |p: &DVec3| (Plane::tilted().normal.dot(*p) - Plane::tilted().offset).abs();
     let mut errors: Vec<f64> = points.iter().map(error).collect();
     errors.sort_by(f64::total_cmp);
     errors
@@ -62,7 +55,7 @@ fn geo_equals_the_pixel_by_pixel_oracle() {
 
 #[test]
 fn hkust_is_exact_on_a_noise_free_plane_up_to_the_borders() {
-    let surface = |view: &View, pixel| plane().depth(view, pixel);
+    let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
     let estimates = arc(5, (64, 48), DVec3::ZERO, surface);
     let fused = fuse(&estimates, &FuseOptions::default(), &Silent).unwrap();
     assert!(
@@ -87,7 +80,7 @@ fn hkust_is_exact_on_a_noise_free_plane_up_to_the_borders() {
     assert!(inside.len() > fused.cloud.len() / 2);
     let worst = off(&inside).pop().unwrap();
     assert!(worst < 1e-6 * 3.5, "{worst:e}");
-    let turned = |n: &glam::Vec3| (n.as_dvec3() - plane().normal).length();
+    let turned = |n: &glam::Vec3| (n.as_dvec3() - Plane::tilted().normal).length();
     let mut turned: Vec<f64> = fused.cloud.normals().unwrap().iter().map(turned).collect();
     turned.sort_by(f64::total_cmp);
     assert!(
@@ -206,7 +199,7 @@ fn merrells_rules_fill_holes_and_stay_on_the_surface() {
 
 #[test]
 fn clusters_merge_what_views_share() {
-    let surface = |view: &View, pixel| plane().depth(view, pixel);
+    let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
     let estimates = arc(6, (64, 48), DVec3::ZERO, surface);
     let fused = fuse(&estimates, &FuseOptions::of(FuseMode::Cluster), &Silent).unwrap();
     let counts = fused.counts;
