@@ -106,8 +106,9 @@ impl Reference<'_> {
         let unit = self.samples.unit();
         self.for_each_block(rows, STRIP, |block, _, consensus| {
             let mut fused = [0.0; BLOCK];
-            for i in 0..BLOCK {
-                fused[i] = unit.convert(block.depth[i] + consensus.delta[i]);
+            let depths = block.depth.iter().zip(&consensus.delta);
+            for (fused, (depth, delta)) in fused.iter_mut().zip(depths) {
+                *fused = unit.convert(depth + delta);
             }
             for i in 0..block.len {
                 if consensus.enough[i] {

@@ -71,11 +71,11 @@ fn largest_root(cross: &[DVec3; 3], columns: &[DVec4; 4]) -> Option<f64> {
 
 /// The unit quaternion that belongs to an eigenvalue: a column of the adjugate.
 fn eigenvector(mut columns: [DVec4; 4], root: f64) -> Option<DQuat> {
-    for k in 0..4 {
-        columns[k][k] -= root;
+    for (k, column) in columns.iter_mut().enumerate() {
+        column[k] -= root;
     }
     for skipped in 0..4 {
-        let rows = [0, 1, 2, 3].map(|k| columns[k]);
+        let rows = columns;
         let rest: Vec3Of4 = match skipped {
             0 => [rows[1], rows[2], rows[3]],
             1 => [rows[0], rows[2], rows[3]],

@@ -286,7 +286,7 @@ impl Boxes {
         for lane in 0..LANES {
             if nearest[lane] != NONE {
                 let nth = nearest[lane] as usize % MOST_OF_GROUP;
-                self.meet(width, index, near[nth], lane, queries, found);
+                self.meet(width, index, near[nth], (lane, queries), found);
             }
         }
         for nth in 0..count {
@@ -299,7 +299,7 @@ impl Boxes {
             let mut open = joined(&bits);
             while open != 0 {
                 let lane = open.trailing_zeros() as usize % LANES;
-                self.meet(width, index, near[nth], lane, queries, found);
+                self.meet(width, index, near[nth], (lane, queries), found);
                 open &= open - 1;
             }
         }
@@ -320,8 +320,7 @@ impl Boxes {
         width: impl Width,
         index: &BlockIndex,
         place: u32,
-        lane: usize,
-        queries: &Block,
+        (lane, queries): (usize, &Block),
         found: &mut F,
     ) {
         let number = self.numbers[place as usize % MOST] as usize;
