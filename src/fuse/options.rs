@@ -25,7 +25,7 @@ pub struct FuseOptions {
     pub max_depth_error: f64,
     /// Beyond this angle in degrees between two views of a point the bound on the pixel error grows
     /// with the tangent, so that it means the same relative depth error as at this angle; 0 for a
-    /// fixed bound.
+    /// fixed bound. The default is chosen in `reports/2026-11-25-tradeoff`.
     pub wide_angle: f64,
     /// A point needs so many source views that agree, the reference view not counted. `dynamic`
     /// has its own rule. `cluster` counts pixels: it needs one more than this.

@@ -8,7 +8,7 @@ use glam::{DVec3, dvec3};
 use mvs_datasets::scene::ColorImage;
 
 /// The viewer's first pose: turn and tilt in radians, focal length in half heights, and the part of the
-/// picture that the cloud's box may reach. `page.js` has the same numbers.
+/// picture that the cloud may reach. `page.js` has the same numbers.
 const YAW: f64 = 0.7;
 const PITCH: f64 = 0.55;
 const FOCAL: f64 = 1.9;
@@ -33,11 +33,8 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     ];
     let (w, h) = (f64::from(width), f64::from(height));
     let focal = FOCAL * (w / h).min(1.0) * h / 2.0;
-    let away = fitted(
-        &axes,
-        (high - low) / extent / 2.0,
-        [2.0 * focal / w, 2.0 * focal / h],
-    );
+    let places = finite().map(|&position| (position - middle) / extent);
+    let away = fitted(&axes, places, [2.0 * focal / w, 2.0 * focal / h]);
     #[allow(
         clippy::cast_precision_loss,
         reason = "point counts are far below 2^53"
@@ -68,16 +65,14 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     Ok(image)
 }
 
-/// How far the eye is from the middle so that all corners of the box are in the picture; `half` its half
-/// edges, `focal` in half widths and half heights.
-fn fitted(axes: &[DVec3; 3], half: DVec3, focal: [f64; 2]) -> f64 {
-    let corners = (0..8).map(|corner| {
-        let sign = |axis: u32| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
-        let place = half * dvec3(sign(0), sign(1), sign(2));
+/// How far the eye is from the middle so that all of `places` are in the picture; `focal` in half widths
+/// and half heights.
+fn fitted(axes: &[DVec3; 3], places: impl Iterator<Item = DVec3>, focal: [f64; 2]) -> f64 {
+    let from = places.map(|place| {
         let side = |axis: usize| focal[axis] * axes[axis].dot(place).abs();
         axes[2].dot(place) + side(0).max(side(1)) / REACHED
     });
-    corners.fold(0.15, f64::max)
+    from.fold(0.15, f64::max)
 }
 
 /// The pixels whose centres are at most `half` from `at`, at least the one that holds it.
@@ -97,7 +92,7 @@ mod tests {
 
     #[test]
     fn near_points_hide_far_ones_and_errors_have_their_colours() {
-        // Two points on the line of sight through the middle, and the corners that span the box.
+        // Two points on the line of sight through the middle, and corners that span the box.
         let toward = dvec3(
             PITCH.cos() * YAW.cos(),
             PITCH.cos() * YAW.sin(),
@@ -132,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn every_corner_of_the_box_is_in_the_picture() {
+    fn every_point_is_in_the_picture() {
         let corners = |half: DVec3| -> Vec<DVec3> {
             let sign = |bit: u32| if bit & 1 == 1 { 1.0 } else { -1.0 };
             let corner = |i: u32| half * dvec3(sign(i), sign(i >> 1), sign(i >> 2));

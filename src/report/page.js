@@ -114,18 +114,16 @@
       var aspect = canvas.clientWidth / Math.max(1, canvas.clientHeight), fy = 1.9 * Math.min(1, aspect);
       return [fy / aspect, fy];
     }
-    // From where all corners of the cloud's box are in the picture.
-    function fit() {
-      var axes = camera(), lens = focal(), farthest = 0;
-      for (var corner = 0; corner < 8; corner++) {
+    // The distance from which all points are in the picture.
+    function fit(data) {
+      var axes = camera(), lens = focal(), far = 0.15, m = cloud.middle;
+      for (var i = 0; i < data.length; i += 4) {
         var at = axes.map(function (axis) {
-          return axis.reduce(function (sum, part, i) {
-            return sum + part * cloud.middle[i] / 65535 * (corner >> i & 1 ? 1 : -1);
-          }, 0);
+          return (axis[0] * (data[i] - m[0]) + axis[1] * (data[i + 1] - m[1]) + axis[2] * (data[i + 2] - m[2])) / 65535;
         });
-        farthest = Math.max(farthest, at[2] + Math.max(lens[0] * Math.abs(at[0]), lens[1] * Math.abs(at[1])) / 0.95);
+        far = Math.max(far, at[2] + Math.max(lens[0] * Math.abs(at[0]), lens[1] * Math.abs(at[1])) / 0.95);
       }
-      return Math.max(0.15, farthest);
+      return far;
     }
 
     function draw() {
@@ -167,7 +165,7 @@
         var data = points(planes);
         cloud = clouds[index];
         count = data.length / 4;
-        distance = fit();
+        distance = fit(data);
         gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
         relabel();
       });
