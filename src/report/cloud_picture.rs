@@ -34,7 +34,7 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     let (w, h) = (f64::from(width), f64::from(height));
     let focal = FOCAL * (w / h).min(1.0) * h / 2.0;
     let places = finite().map(|&position| (position - middle) / extent);
-    let away = fitted(&axes, places, [2.0 * focal / w, 2.0 * focal / h]);
+    let (target, away) = fitted(&axes, places, [2.0 * focal / w, 2.0 * focal / h]);
     #[allow(
         clippy::cast_precision_loss,
         reason = "point counts are far below 2^53"
@@ -48,8 +48,8 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
         if !(position.is_finite() && depth > 0.01) {
             continue;
         }
-        let x = w / 2.0 + focal * axes[0].dot(place) / depth;
-        let y = h / 2.0 - focal * axes[1].dot(place) / depth;
+        let x = w / 2.0 + focal * (axes[0].dot(place) - target[0]) / depth;
+        let y = h / 2.0 - focal * (axes[1].dot(place) - target[1]) / depth;
         let half = (spacing / depth).clamp(1.0, 8.0) / 2.0;
         let color = colormap::error(distance / (REACH * cloud.tau));
         for row in pixels(y, half, height) {
@@ -65,14 +65,28 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     Ok(image)
 }
 
-/// How far the eye is from the middle so that all of `places` are in the picture; `focal` in half widths
-/// and half heights.
-fn fitted(axes: &[DVec3; 3], places: impl Iterator<Item = DVec3>, focal: [f64; 2]) -> f64 {
-    let from = places.map(|place| {
-        let side = |axis: usize| focal[axis] * axes[axis].dot(place).abs();
-        axes[2].dot(place) + side(0).max(side(1)) / REACHED
-    });
-    from.fold(0.15, f64::max)
+/// Where the eye looks, counted along the axes' first two, and how far away it is so that the places fill
+/// the picture and all are in it; `focal` in half widths and half heights.
+fn fitted(
+    axes: &[DVec3; 3],
+    places: impl Iterator<Item = DVec3>,
+    focal: [f64; 2],
+) -> ([f64; 2], f64) {
+    // At distance d a place is in the picture if its offset is at most REACHED / focal · (d − back) from
+    // where the eye looks.
+    let share = focal.map(|focal| REACHED / focal);
+    let mut least = [f64::INFINITY; 2];
+    let mut most = [f64::NEG_INFINITY; 2];
+    for place in places {
+        for side in 0..2 {
+            let (at, part) = (axes[side].dot(place), share[side] * axes[2].dot(place));
+            least[side] = least[side].min(at - part);
+            most[side] = most[side].max(at + part);
+        }
+    }
+    let away = |side: usize| (most[side] - least[side]) / (2.0 * share[side]);
+    let target = [0, 1].map(|side| 0.5 * (most[side] + least[side]));
+    (target, away(0).max(away(1)).max(0.15))
 }
 
 /// The pixels whose centres are at most `half` from `at`, at least the one that holds it.
@@ -92,23 +106,23 @@ mod tests {
 
     #[test]
     fn near_points_hide_far_ones_and_errors_have_their_colours() {
-        // Two points on the line of sight through the middle, and corners that span the box.
-        let toward = dvec3(
-            PITCH.cos() * YAW.cos(),
-            PITCH.cos() * YAW.sin(),
-            PITCH.sin(),
-        );
+        // Two points on the line of sight through the middle, and four around it.
+        let (sy, cy, sp, cp) = (YAW.sin(), YAW.cos(), PITCH.sin(), PITCH.cos());
+        let toward = dvec3(cp * cy, cp * sy, sp);
+        let (right, up) = (dvec3(-sy, cy, 0.0), dvec3(-sp * cy, -sp * sy, cp));
         let positions = [
             toward * 0.4,
             toward * -0.4,
-            DVec3::ONE,
-            -DVec3::ONE,
+            right,
+            -right,
+            up,
+            -up,
             DVec3::NAN,
         ];
         let cloud = ErrorCloud {
             name: "",
             positions: &positions,
-            distances: &[0.0, 9.0, 1.0, 1.0, 1.0],
+            distances: &[0.0, 9.0, 1.0, 1.0, 1.0, 1.0, 1.0],
             tau: 1.0,
             unit: "",
         };
@@ -122,7 +136,7 @@ mod tests {
             .count();
         assert!(
             (100..400).contains(&lit),
-            "three squares of 8 pixels, found {lit}"
+            "five squares of 8 pixels, found {lit}"
         );
     }
 

@@ -103,7 +103,7 @@
     ["view", "middle", "scale", "full", "size"].forEach(function (uniform) {
       at[uniform] = gl.getUniformLocation(program, uniform);
     });
-    var count = 0, cloud = null, yaw = 0.7, pitch = 0.55, distance = 1, spinning = false;
+    var count = 0, cloud = null, target = null, yaw = 0.7, pitch = 0.55, distance = 1, spinning = false;
 
     // Rows of the camera: right, up, back; the eye circles the middle, +Z up.
     function camera() {
@@ -114,16 +114,25 @@
       var aspect = canvas.clientWidth / Math.max(1, canvas.clientHeight), fy = 1.9 * Math.min(1, aspect);
       return [fy / aspect, fy];
     }
-    // The distance from which all points are in the picture.
+    // Looks at the point, from the distance, from where the points fill the picture and all are in it.
     function fit(data) {
-      var axes = camera(), lens = focal(), far = 0.15, m = cloud.middle;
+      var axes = camera(), lens = focal(), m = cloud.middle, away = 0.15, least = [], most = [];
       for (var i = 0; i < data.length; i += 4) {
         var at = axes.map(function (axis) {
           return (axis[0] * (data[i] - m[0]) + axis[1] * (data[i + 1] - m[1]) + axis[2] * (data[i + 2] - m[2])) / 65535;
         });
-        far = Math.max(far, at[2] + Math.max(lens[0] * Math.abs(at[0]), lens[1] * Math.abs(at[1])) / 0.95);
+        for (var side = 0; side < 2; side++) {
+          var part = 0.95 / lens[side] * at[2];
+          least[side] = Math.min(i ? least[side] : Infinity, at[side] - part);
+          most[side] = Math.max(i ? most[side] : -Infinity, at[side] + part);
+        }
       }
-      return far;
+      target = m.slice();
+      for (var k = 0; k < 2; k++) {
+        away = Math.max(away, lens[k] / 0.95 * (most[k] - least[k]) / 2);
+        for (var l = 0; l < 3; l++) { target[l] += 65535 * axes[k][l] * (most[k] + least[k]) / 2; }
+      }
+      distance = away;
     }
 
     function draw() {
@@ -142,7 +151,7 @@
       }
       matrix[14] = a * -distance + b; matrix[15] = distance;
       gl.uniformMatrix4fv(at.view, false, matrix);
-      gl.uniform3fv(at.middle, cloud.middle);
+      gl.uniform3fv(at.middle, target);
       gl.uniform1f(at.scale, 1 / 65535);
       gl.uniform1f(at.full, +slider.value);
       gl.uniform1f(at.size, canvas.height * 1.6 / Math.sqrt(count) * 1.5);
@@ -165,7 +174,7 @@
         var data = points(planes);
         cloud = clouds[index];
         count = data.length / 4;
-        distance = fit(data);
+        fit(data);
         gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
         relabel();
       });
