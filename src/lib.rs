@@ -4,6 +4,7 @@
 //! [`score`] → records → [`report`]. Each stage is a plain function of values; [`jobs`] has one file
 //! per command that reads files, calls a stage and writes files. See `ARCHITECTURE.md`.
 
+mod ahead;
 pub mod blend;
 pub mod config;
 pub mod error;

@@ -7,9 +7,9 @@
 
 use super::geometry::unprojection;
 use super::kernel::{BLOCK, Block, Seen};
-use super::prefetch::ahead;
 use super::rules::Consensus;
 use super::samples::{Samples, Unit};
+use crate::ahead::prefetch;
 use glam::{DMat3, DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, View};
 use pulp::{Simd, WithSimd};
@@ -99,7 +99,7 @@ impl Room {
     /// Asks for the texels of a source's `image`, which are to be fetched later.
     pub(super) fn ask(&self, source: usize, kept: &[usize], image: &ColorImage) {
         for &i in kept {
-            ahead(image.values(), self.texels[source][i] as usize);
+            prefetch(image.values(), self.texels[source][i] as usize);
         }
     }
 

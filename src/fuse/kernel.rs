@@ -14,8 +14,8 @@
 )]
 
 use super::geometry::PairGeometry;
-use super::prefetch::ahead;
 use super::samples::{Samples, Unit};
+use crate::ahead::prefetch;
 use mvs_datasets::scene::View;
 
 /// Pixels per block: what ten sources say about one stays in the first-level cache.
@@ -239,8 +239,8 @@ impl Pair {
             seen.z[i] = if inside { pz as f32 } else { 0.0 };
         }
         for &first in &to.index {
-            ahead(source.values(), first as usize);
-            ahead(source.values(), first as usize + source.stride());
+            prefetch(source.values(), first as usize);
+            prefetch(source.values(), first as usize + source.stride());
         }
     }
 

@@ -23,7 +23,6 @@ mod options;
 #[cfg(test)]
 mod oracle;
 mod points;
-mod prefetch;
 pub mod presets;
 mod reference;
 mod rules;

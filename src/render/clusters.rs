@@ -4,9 +4,9 @@
 //! compute from them is off by a known, tiny amount; what lies closer than that to a decision is
 //! decided by the exact test on the mesh itself.
 
-use super::ahead::prefetch;
 use super::cluster::{Cluster, Draft, MOST_TRIANGLES};
 use super::tree::{self, Bounds, Item, Node, number};
+use crate::ahead::prefetch;
 use glam::DVec3;
 use mvs_datasets::scene::Mesh;
 

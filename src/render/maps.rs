@@ -10,7 +10,6 @@
 )]
 
 use super::Seen;
-use super::ahead::{prefetch, prefetch_all};
 use super::clusters::Clusters;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes, Task, dispatch};
@@ -20,6 +19,7 @@ use super::row::{Cross, Line};
 use super::scan::scan;
 use super::surface::Frame;
 use super::tile::{NONE, SIZE, Tile};
+use crate::ahead::{prefetch, prefetch_all};
 use crate::parallel;
 use glam::DVec3;
 

@@ -7,7 +7,6 @@
 //! pixel's centre and are never averaged; colour is the mean of a regular grid of samples, each with
 //! its own visibility. A camera's lens is gone through by exact inversion, sample by sample.
 
-mod ahead;
 mod bent;
 mod bvh;
 mod cluster;

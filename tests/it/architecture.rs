@@ -123,8 +123,7 @@ const REVIEWED_UNSAFE: &[&str] = &[
     "datasets/src/mapped.rs",
     "metrics/src/distance/wide.rs",
     "src/cli/memory.rs",
-    "src/render/ahead.rs",
-    "src/fuse/prefetch.rs",
+    "src/ahead.rs",
     "tests/it/architecture.rs",
 ];
 
