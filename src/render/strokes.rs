@@ -35,13 +35,7 @@ impl Stored {
         let from = spot(self.columns[0][lane], self.rows[0][lane]);
         let to = spot(self.columns[1][lane], self.rows[1][lane]);
         let steps = l.load(&STEPS);
-        let doubt = l.splat(self.doubt[lane]);
-        let below = l.splat(-self.doubt[lane]);
-        let nearness = [
-            l.splat(self.nearness[0][lane]),
-            l.splat(self.nearness[1][lane]),
-            l.splat(self.nearness[2][lane]),
-        ];
+        let pen = Pen::of(l, self, lane);
         for first in (from.column..=to.column).step_by(LANES) {
             let mut start = [steps; 3];
             let mut down = [steps; 3];
@@ -59,14 +53,7 @@ impl Stored {
                     at[edge] = l.mul_add(down[edge], y, start[edge]);
                 }
                 y = l.add(y, one);
-                let least = l.min(l.min(at[0], at[1]), at[2]);
-                let beside = l.below(least, below);
-                if l.bits(beside) == ALL {
-                    continue;
-                }
-                let near = weighted(l, at, nearness);
-                let offer = (row * STRIDE + first, triangle, near);
-                offer_lanes(l, brush, offer, (l.below(doubt, least), beside));
+                pen.stroke(l, brush, (row * STRIDE + first, triangle), at);
             }
         }
     }
@@ -111,23 +98,11 @@ impl Stored {
     ) {
         let from = spot(self.columns[0][lane], self.rows[0][lane]);
         let to = spot(self.columns[1][lane], self.rows[1][lane]);
-        let (doubt, below) = (l.splat(self.doubt[lane]), l.splat(-self.doubt[lane]));
-        let nearness = [
-            l.splat(self.nearness[0][lane]),
-            l.splat(self.nearness[1][lane]),
-            l.splat(self.nearness[2][lane]),
-        ];
+        let pen = Pen::of(l, self, lane);
         for row in from.row..=to.row {
             for first in (from.column..=to.column).step_by(LANES) {
                 let at = self.edges(l, lane, (places(l, Some(bent), (first, row)), from));
-                let least = l.min(l.min(at[0], at[1]), at[2]);
-                let beside = l.below(least, below);
-                if l.bits(beside) == ALL {
-                    continue;
-                }
-                let near = weighted(l, at, nearness);
-                let offer = (row * STRIDE + first, triangle, near);
-                offer_lanes(l, brush, offer, (l.below(doubt, least), beside));
+                pen.stroke(l, brush, (row * STRIDE + first, triangle), at);
             }
         }
     }
@@ -144,6 +119,48 @@ impl Stored {
             at[edge] = l.mul_add(l.splat(along), right, start);
         }
         at
+    }
+}
+
+/// What draws one triangle, eight samples at a time.
+struct Pen<V> {
+    doubt: V,
+    below: V,
+    nearness: [V; 3],
+}
+
+impl<V: Copy> Pen<V> {
+    #[inline(always)]
+    fn of<L: Lanes<V = V>>(l: L, triangles: &Stored, lane: usize) -> Self {
+        let (doubt, nearness) = (triangles.doubt[lane], &triangles.nearness);
+        Self {
+            doubt: l.splat(doubt),
+            below: l.splat(-doubt),
+            nearness: [
+                l.splat(nearness[0][lane]),
+                l.splat(nearness[1][lane]),
+                l.splat(nearness[2][lane]),
+            ],
+        }
+    }
+
+    /// Offers the triangle to the samples from `index` on at which its edge functions are `at`.
+    #[inline(always)]
+    fn stroke<L: Lanes<V = V>>(
+        &self,
+        l: L,
+        brush: &mut Brush<'_>,
+        (index, triangle): (usize, u32),
+        at: [V; 3],
+    ) {
+        let least = l.min(l.min(at[0], at[1]), at[2]);
+        let beside = l.below(least, self.below);
+        if l.bits(beside) == ALL {
+            return;
+        }
+        let near = weighted(l, at, self.nearness);
+        let inside = l.below(self.doubt, least);
+        offer_lanes(l, brush, (index, triangle, near), (inside, beside));
     }
 }
 

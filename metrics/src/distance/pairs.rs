@@ -10,7 +10,7 @@
 )]
 
 use super::Listed;
-use super::blocks::{Block, BlockIndex, LANES, NOWHERE, around, pack};
+use super::blocks::{Block, BlockIndex, Corners, LANES, NOWHERE, around, pack};
 use super::search::{Found, joined, smaller, square_of, squares};
 use super::together::{Neighbourhood, TOGETHER};
 use super::wide::{self, Registers, Width};
@@ -203,6 +203,27 @@ impl wide::Task for Step<'_> {
     }
 }
 
+/// Searches for groups that ask from within their corners.
+#[inline(always)]
+fn search<F: Found>(
+    width: impl Width,
+    index: &BlockIndex,
+    (groups, corners): (&[Group], &[Corners; TOGETHER]),
+    found: &mut [F; TOGETHER],
+    near: &mut Neighbourhood,
+) {
+    let asking: [_; TOGETHER] = std::array::from_fn(|k| {
+        let k = k.min(groups.len() - 1);
+        (&groups[k].at, corners[k])
+    });
+    near.search(
+        width,
+        index,
+        &asking[..groups.len()],
+        &mut found[..groups.len()],
+    );
+}
+
 /// Searches for all partners.
 #[inline(always)]
 fn coarse(
@@ -224,16 +245,7 @@ fn coarse(
         }
         corners[k] = group.at.bounds();
     }
-    let asking: [_; TOGETHER] = std::array::from_fn(|k| {
-        let k = k.min(groups.len() - 1);
-        (&groups[k].at, corners[k])
-    });
-    near.search(
-        width,
-        index,
-        &asking[..groups.len()],
-        &mut found[..groups.len()],
-    );
+    search(width, index, (groups, &corners), &mut found, near);
     for (group, found) in groups.iter_mut().zip(&found) {
         for lane in 0..LANES {
             if found.block[lane] != NONE {
@@ -278,16 +290,7 @@ fn fine(
             corners[k] = around(corners[k], group.at.point(lane));
         }
     }
-    let asking: [_; TOGETHER] = std::array::from_fn(|k| {
-        let k = k.min(groups.len() - 1);
-        (&groups[k].at, corners[k])
-    });
-    near.search(
-        width,
-        index,
-        &asking[..groups.len()],
-        &mut found[..groups.len()],
-    );
+    search(width, index, (groups, &corners), &mut found, near);
     let results = groups.iter_mut().zip(others).zip(&found).zip(stale);
     for (((group, others), found), stale) in results {
         for lane in (0..LANES).filter(|lane| stale >> lane & 1 == 1) {

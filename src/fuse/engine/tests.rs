@@ -315,18 +315,17 @@ fn the_gate_is_angle_aware() {
     assert_eq!(fused(7, 0.04, 20.0), 0);
 }
 
+/// The plane z = `offset`.
+fn level(offset: f64) -> Plane {
+    Plane {
+        normal: DVec3::Z,
+        offset,
+    }
+}
+
 #[test]
 fn what_only_three_views_see_needs_no_fourth() {
-    let (wall, screen) = (
-        Plane {
-            normal: DVec3::Z,
-            offset: 0.0,
-        },
-        Plane {
-            normal: DVec3::Z,
-            offset: 0.5,
-        },
-    );
+    let (wall, screen) = (level(0.0), level(0.5));
     // The first three of seven views see the wall, the others a screen before it, or `behind` a
     // hole in it.
     let fused = |soften, behind: Option<Plane>, empty: &[u32]| {
@@ -351,10 +350,7 @@ fn what_only_three_views_see_needs_no_fourth() {
     assert!(all > 1000, "{all}");
     assert_eq!(fused(false, None, &[]), 0);
     // One that sees through the wall objects; two without a depth there do not, three do.
-    let far = Plane {
-        normal: DVec3::Z,
-        offset: -0.5,
-    };
+    let far = level(-0.5);
     assert_eq!(fused(true, Some(far), &[]), 0);
     assert_eq!(fused(true, None, &[3, 4]), all);
     assert_eq!(fused(true, None, &[3, 4, 5]), 0);
@@ -362,16 +358,7 @@ fn what_only_three_views_see_needs_no_fourth() {
 
 #[test]
 fn points_that_more_views_see_through_than_agree_with_are_left_out() {
-    let (wall, ghost) = (
-        Plane {
-            normal: DVec3::Z,
-            offset: 0.0,
-        },
-        Plane {
-            normal: DVec3::Z,
-            offset: 0.5,
-        },
-    );
+    let (wall, ghost) = (level(0.0), level(0.5));
     // Three of seven views have a patch half a unit in front of the wall; four see the wall there.
     let surface = |view: &View, pixel: DVec2| {
         let near = ghost.depth(view, pixel);
