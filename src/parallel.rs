@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Runs `work` with at most `threads` threads; 0 stands for all that the machine offers.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
@@ -31,12 +32,25 @@ pub fn map_with<T: Send, R>(
     (0..count).into_par_iter().map_init(room, f).collect()
 }
 
-/// As [`map`]; the error of the smallest index among those that failed.
+/// As [`map`]; the error of the smallest index among those that failed. After a failure nothing new
+/// is begun but what comes before it, so that the same error is found at any number of threads.
 pub fn try_map<T: Send>(
     count: usize,
     f: impl Fn(usize) -> Result<T> + Sync + Send,
 ) -> Result<Vec<T>> {
-    map(count, f).into_iter().collect()
+    let failed = AtomicUsize::new(usize::MAX);
+    let unless_failed = |index| {
+        if index > failed.load(Ordering::Relaxed) {
+            return None;
+        }
+        let result = f(index);
+        if result.is_err() {
+            failed.fetch_min(index, Ordering::Relaxed);
+        }
+        Some(result)
+    };
+    // What was not begun comes after the first failure, at which collecting ends.
+    map(count, unless_failed).into_iter().flatten().collect()
 }
 
 /// Calls `f(index, chunk)` for every chunk of `size` values, in parallel.
@@ -90,6 +104,16 @@ mod tests {
             }
         };
         assert_eq!(try_map(100, failing).unwrap_err().to_string(), "index: 7");
+        let begun = AtomicUsize::new(0);
+        let counted = |index: usize| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            failing(index)
+        };
+        let alone = with_threads(1, || try_map(1000, counted)).unwrap();
+        assert!(
+            alone.is_err() && begun.into_inner() < 1000,
+            "goes on after a failure"
+        );
         assert_eq!(try_map(7, failing).unwrap(), [0, 1, 2, 3, 4, 5, 6]);
     }
 }

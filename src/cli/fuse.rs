@@ -1,7 +1,7 @@
 use super::common::{Centre, Global, Verdict, with_context};
-use super::output::{answer, pairs, table};
+use super::output::{self, answer, pairs, table};
 use clap::Args;
-use mvs_eval::config;
+use mvs_eval::config::{self, Size};
 use mvs_eval::fuse::presets;
 use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
 use mvs_eval::jobs::fuse::{self, FuseJob};
@@ -65,6 +65,10 @@ pub(crate) struct FuseArgs {
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
+    /// The image size that the cams are for; by default that of a view's image or depth map,
+    /// whichever goes with the principal point
+    #[arg(long, value_name = "WxH")]
+    camera_size: Option<Size>,
     /// About how many MiB of maps to hold at a time (default 512); results do not depend on it
     #[arg(long, value_name = "MIB")]
     #[serde(skip)]
@@ -153,6 +157,14 @@ pub(crate) struct FuseFlags {
 
 pub(crate) fn run(args: &FuseArgs, global: &Global) -> anyhow::Result<Verdict> {
     let job = job(args, global)?;
+    if !global.quiet {
+        let preset = args
+            .preset
+            .as_deref()
+            .map(|name| format!(", preset {name}"));
+        let summary = fuse::summary(&job);
+        output::say(&format!("fusing{}: {summary}", preset.unwrap_or_default()));
+    }
     if args.sweep.sweep {
         return execute_sweep(&args.sweep.job(job), global);
     }
@@ -198,7 +210,7 @@ fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
         None => toml::Table::new(),
     };
     let preset = match &args.preset {
-        Some(name) => presets::preset_layer(name, scene_name(args))?,
+        Some(name) => preset_layer(name, &scene_name(args, &file))?,
         None => toml::Table::new(),
     };
     let said = [&flags, &file].into_iter().find_map(|layer| {
@@ -214,10 +226,27 @@ fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
     })
 }
 
-/// The scene folder's name, by which presets know it.
-fn scene_name(args: &FuseArgs) -> &str {
-    let name = args.scene.as_deref().and_then(std::path::Path::file_name);
-    name.and_then(std::ffi::OsStr::to_str).unwrap_or_default()
+/// The preset's options; says so where it knows other scenes than this one.
+fn preset_layer(name: &str, scene: &str) -> anyhow::Result<toml::Table> {
+    let known = presets::scenes(name)?;
+    if !known.is_empty() && !known.iter().any(|known| known == scene) {
+        output::say(&format!(
+            "warning [preset]: {name} has a minimum of views for {}, none for `{scene}`: its general \
+             one is used",
+            known.join(", ")
+        ));
+    }
+    Ok(presets::preset_layer(name, scene)?)
+}
+
+/// The scene folder's own name, also for `.`, by which presets know it.
+fn scene_name(args: &FuseArgs, file: &toml::Table) -> String {
+    let said = file.get("scene").and_then(toml::Value::as_str);
+    let scene = args.scene.clone().or_else(|| said.map(PathBuf::from));
+    let scene = scene.unwrap_or_default();
+    let real = scene.canonicalize().unwrap_or(scene);
+    let name = real.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 pub(crate) fn execute(job: &FuseJob, global: &Global) -> anyhow::Result<Verdict> {

@@ -24,8 +24,9 @@ mod score;
 mod tradeoff;
 mod verify;
 
-use clap::{Parser, Subcommand};
+use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use common::{Global, Verdict};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 const ABOUT: &str = "Benchmark and evaluation suite for multi-view-stereo point clouds";
@@ -77,7 +78,7 @@ enum Command {
 
 /// Runs the command line of this process.
 pub(crate) fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match parse(std::env::args_os()) {
         Ok(cli) => cli,
         Err(error) => {
             let code = if error.use_stderr() { 2 } else { 0 };
@@ -98,6 +99,17 @@ pub(crate) fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// The arguments as a command. A value may start with a minus: the job says what is wrong with it,
+/// which is more than that an argument `-1` is unknown.
+fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
+    let negative = |argument: Arg| match argument.get_action().takes_values() {
+        true => argument.allow_negative_numbers(true),
+        false => argument,
+    };
+    let command = Cli::command().mut_subcommands(|command| command.mut_args(negative));
+    Cli::from_arg_matches(&command.try_get_matches_from(arguments)?)
 }
 
 fn run(command: &Command, global: &Global) -> anyhow::Result<Verdict> {

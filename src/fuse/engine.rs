@@ -12,7 +12,7 @@ use super::merrell::render;
 use super::options::{Colors, FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink, Points};
 use super::reference::{Finish, Reference, Region, Source, SourceImage};
-use super::rules::Rule;
+use super::rules::{DYNAMIC_FROM, Rule};
 use super::samples::{Filters, Samples, Unit, bordered, confidence, keep_confident, prepare};
 use super::selection::{Confidences, Selection, Witness};
 use crate::error::Result;
@@ -93,21 +93,37 @@ fn warn_of_few_sources(inputs: &FuseInputs<'_>, options: &FuseOptions) {
     if options.mode == FuseMode::Cluster {
         return;
     }
-    let lacking: Vec<u32> = (0..inputs.maps.count())
-        .filter(|&index| {
-            let used = options.sources_used(inputs.maps.sources(index).len());
-            used < options.sources_needed(used)
-        })
-        .map(|index| inputs.maps.view(index).id)
-        .collect();
+    let (mut lacking, mut softened) = (Vec::new(), Vec::new());
+    for index in 0..inputs.maps.count() {
+        let used = options.sources_used(inputs.maps.sources(index).len());
+        let needed = match options.mode {
+            FuseMode::Dynamic => DYNAMIC_FROM,
+            _ => options.sources_needed(used),
+        };
+        let id = inputs.maps.view(index).id;
+        if used < needed {
+            lacking.push(id);
+        } else if needed < options.min_sources && options.mode != FuseMode::Dynamic {
+            softened.push(id);
+        }
+    }
+    let count = inputs.maps.count();
     if let Some(first) = lacking.first() {
         let message = format!(
-            "{} of {} views have fewer source views than must agree and give no points, the first \
+            "{} of {count} views have fewer source views than must agree and give no points, the first \
              is view {first}: list more sources in pair.txt or lower the minimum",
             lacking.len(),
-            inputs.maps.count()
         );
         inputs.warnings.add("few-sources", message);
+    }
+    if let Some(first) = softened.first() {
+        let message = format!(
+            "{} of {count} views have so few source views that fewer than {} of them must agree, the \
+             first is view {first}",
+            softened.len(),
+            options.min_sources
+        );
+        inputs.warnings.add("softened-minimum", message);
     }
 }
 

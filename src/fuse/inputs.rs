@@ -4,6 +4,7 @@
 use super::Estimate;
 use crate::error::{Error, Result};
 use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Depth maps with their views, confidence and images. Views are numbered from 0.
@@ -122,6 +123,15 @@ pub(super) fn check_views(maps: &dyn DepthMaps) -> Result<()> {
                 "expected its sources to be other estimates (below {}), found {source}",
                 maps.count()
             );
+            return Err(Error::invalid(name(maps.view(index)), problem));
+        }
+        let mut seen = BTreeSet::new();
+        if let Some(source) = maps
+            .sources(index)
+            .iter()
+            .find(|&&source| !seen.insert(source))
+        {
+            let problem = format!("expected distinct sources, found {source} twice");
             return Err(Error::invalid(name(maps.view(index)), problem));
         }
     }

@@ -156,7 +156,6 @@ impl FuseOptions {
             ("max_pixel_error", self.max_pixel_error),
             ("max_depth_error", self.max_depth_error),
             ("max_disparity_error", self.max_disparity_error),
-            ("similar_depth", self.similar_depth),
             ("max_normal_angle", self.max_normal_angle),
         ];
         for (name, bound) in positive {
@@ -177,6 +176,15 @@ impl FuseOptions {
             quantile,
             fraction,
             within(quantile, 1.0),
+        )?;
+        let similar = self.similar_depth;
+        let fits = similar > 0.0 && similar < 1.0;
+        // From 1 on a pixel without a depth would be similar to all.
+        expect(
+            "similar_depth",
+            similar,
+            "a fraction above 0, below 1",
+            fits,
         )?;
         let confidence = f64::from(self.min_confidence);
         expect(

@@ -48,6 +48,16 @@ pub fn preset_layer(name: &str, scene: &str) -> Result<Table> {
     Ok(layer)
 }
 
+/// The scenes that a preset has a minimum of views of their own for.
+///
+/// # Errors
+/// Names the presets when there is none of this name.
+pub fn scenes(name: &str) -> Result<Vec<String>> {
+    let layer = pick(presets()?.preset, "preset", name)?;
+    let scenes = layer.get("scenes").and_then(Value::as_table);
+    Ok(scenes.map_or_else(Vec::new, |scenes| scenes.keys().cloned().collect()))
+}
+
 fn pick(mut all: BTreeMap<String, Table>, what: &str, name: &str) -> Result<Table> {
     let names: Vec<String> = all.keys().cloned().collect();
     all.remove(name).ok_or_else(|| {
@@ -92,6 +102,12 @@ mod tests {
         let views =
             |scene| preset_layer("tnt-intermediate", scene).unwrap()["min_sources"].as_integer();
         assert_eq!((views("Francis"), views("Elsewhere")), (Some(6), Some(5)));
+        assert!(
+            scenes("tnt-intermediate")
+                .unwrap()
+                .contains(&"Francis".to_owned())
+        );
+        assert!(scenes("dtu").unwrap().is_empty());
         let error = preset_layer("nerf", "").unwrap_err().to_string();
         assert!(error.contains("dtu") && error.contains("`nerf`"), "{error}");
     }

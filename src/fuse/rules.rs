@@ -276,6 +276,9 @@ fn within_bounds(seen: &mut Seen, bounds: &Bounds) {
 /// Steps of the `dynamic` bounds: i/4 px and i/1300 for i from 2 to 10.
 const STEPS: std::ops::RangeInclusive<u32> = 2..=10;
 
+/// As many sources, at least, must agree in `dynamic`.
+pub(super) const DYNAMIC_FROM: usize = *STEPS.start() as usize;
+
 /// How many steps wide the bounds must be for the source to agree: below i at step i.
 #[inline(always)]
 fn step(seen: &Seen, i: usize) -> f32 {

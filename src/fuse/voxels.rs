@@ -38,11 +38,13 @@ struct Cell {
     count: u32,
     offset: DVec3,
     normal: Vec3,
-    color: [u32; 3],
+    color: [u64; 3],
     confidence: f64,
     violations: u32,
     scale: f32,
     views: Vec<u32>,
+    /// How many of `views` are known to be distinct.
+    distinct: usize,
 }
 
 impl VoxelSink {
@@ -105,6 +107,17 @@ impl Cell {
             violations: 0,
             scale: f32::INFINITY,
             views: Vec::new(),
+            distinct: 0,
+        }
+    }
+
+    /// Adds views; a list that has doubled is thinned to distinct ones, so that it stays short.
+    fn see(&mut self, views: &[u32]) {
+        self.views.extend(views);
+        if self.views.len() > 2 * self.distinct.max(32) {
+            self.views.sort_unstable();
+            self.views.dedup();
+            self.distinct = self.views.len();
         }
     }
 
@@ -117,7 +130,8 @@ impl Cell {
             points.normals.push(self.normal.normalize_or_zero());
         }
         if columns.has(Columns::COLORS) {
-            let mean = |sum: u32| u8::try_from((sum + self.count / 2) / self.count);
+            let merged = u64::from(self.count);
+            let mean = |sum: u64| u8::try_from((sum + merged / 2) / merged);
             points
                 .colors
                 .push(self.color.map(|sum| mean(sum).unwrap_or(u8::MAX)));
@@ -150,7 +164,7 @@ impl PointSink for VoxelSink {
             }
             if columns.has(Columns::COLORS) {
                 for (sum, value) in cell.color.iter_mut().zip(points.colors[at]) {
-                    *sum += u32::from(value);
+                    *sum += u64::from(value);
                 }
             }
             if columns.has(Columns::CONFIDENCES) {
@@ -158,7 +172,7 @@ impl PointSink for VoxelSink {
             }
             cell.violations = cell.violations.max(points.violations[at]);
             cell.scale = cell.scale.min(points.scales[at]);
-            cell.views.extend(own);
+            cell.see(own);
         }
         self.taken += points.len() as u64;
         Ok(())
@@ -186,6 +200,23 @@ mod tests {
             points.visible_in.extend(*views);
         }
         points
+    }
+
+    #[test]
+    fn a_voxel_of_many_points_keeps_its_colour_and_a_short_list_of_views() {
+        let columns = Columns::COLORS;
+        let mut voxels = VoxelSink::new(1e3, columns).unwrap();
+        let cell = voxels.cell(DVec3::ONE).unwrap();
+        // As 17 million white points leave it.
+        (cell.count, cell.color) = (17_000_000, [17_000_000 * 255; 3]);
+        (0..1000).for_each(|view| cell.see(&[view % 7, 3]));
+        assert!(cell.views.len() <= 64, "{}", cell.views.len());
+        (cell.violations, cell.scale) = (0, 1.0);
+        voxels.taken = 17_000_000;
+        let (points, merged) = voxels.finish();
+        assert_eq!(points.colors, [[255; 3]]);
+        assert_eq!(points.visible_in, [0, 1, 2, 3, 4, 5, 6]);
+        assert_eq!(merged, 16_999_999);
     }
 
     #[test]

@@ -58,7 +58,33 @@ pub fn read(
     for note in &read.notes {
         context.warnings.add("cameras", note.clone());
     }
+    if read.source == CameraSource::Cams && are_half_pixel_off(&read.scene) {
+        warn_of_integer_centres(context);
+    }
     Ok(read.scene)
+}
+
+/// What to say of cams that were read with pixel centres at (0.5, 0.5) and seem to have them at
+/// (0, 0).
+pub(super) const INTEGER_CENTRES: &str = "the principal point is half a pixel above and left of the image's middle: the cams seem to count \
+     from the top-left pixel's centre; if so, use --pixel-center integer";
+
+/// Adds [`INTEGER_CENTRES`] to the warnings.
+pub(super) fn warn_of_integer_centres(context: &Context<'_>) {
+    context.warnings.add("pixel-centre", INTEGER_CENTRES);
+}
+
+/// Whether every principal point is half a pixel above and left of its image's middle.
+pub(super) fn are_half_pixel_off(scene: &Scene) -> bool {
+    let views = scene.views();
+    !views.is_empty() && views.iter().all(|view| is_half_pixel_off(&view.camera))
+}
+
+/// Whether the principal point is half a pixel above and left of the image's middle. In a file that
+/// was read as having integer pixel centres that would be a whole pixel.
+pub(super) fn is_half_pixel_off(camera: &Camera) -> bool {
+    let middle = DVec2::new(camera.width().into(), camera.height().into()) / 2.0;
+    (camera.center() - middle + 0.5).abs().max_element() < 1e-6
 }
 
 fn read_files(
@@ -76,7 +102,7 @@ fn read_files(
 }
 
 /// Whether the principal point is about the centre of images of this size.
-fn goes_with(size: Size, camera: &Camera) -> bool {
+pub(super) fn goes_with(size: Size, camera: &Camera) -> bool {
     let center = camera.center();
     let near = |length: u32, center: f64| (2.0 * center / f64::from(length) - 1.0).abs() < NEAR;
     near(size.width, center.x) && near(size.height, center.y)

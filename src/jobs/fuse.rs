@@ -1,11 +1,14 @@
 //! `mvs-eval fuse`: a folder of depth maps → a point cloud, view by view.
 
+mod cams;
 mod maps;
 mod output;
 pub mod sweep;
 mod workspace;
 
+use super::out::remove_if_there;
 use super::{Context, check_out_file, run_file_beside};
+use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::fuse::{
     DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, MEMORY, MemoryScratch, PointSink,
@@ -59,6 +62,10 @@ pub struct FuseJob {
     pub properties: Properties,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
+    /// The image size that the cams' intrinsics are for. Without it that of the view's image, or of
+    /// its depth map, whichever goes with the principal point.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_size: Option<Size>,
     /// About how many MiB of maps to hold at a time; of that no result depends, so it is not
     /// recorded.
     #[serde(skip)]
@@ -86,6 +93,11 @@ impl FuseJob {
         folders.map(|folder| folder.join(&name)).collect()
     }
 
+    /// How many bytes of maps to hold at a time.
+    fn budget(&self) -> usize {
+        self.memory.map_or(MEMORY, |mib| mib << 20)
+    }
+
     fn check(&self) -> Result<()> {
         self.fuse.check()?;
         let merges = self.fuse.mode == FuseMode::Cluster || self.voxel != 0.0;
@@ -94,20 +106,36 @@ impl FuseJob {
                            out cluster and voxels";
             return Err(Error::invalid("filtered depth maps", problem));
         }
+        let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+        let mut read = [&self.depths].into_iter().chain(&self.confidence);
+        if let Some(folder) = &self.filtered_depths
+            && read.any(|input| real(input) == real(folder))
+        {
+            let problem =
+                "expected a folder for the filtered depth maps that is not read, found an input";
+            return Err(Error::invalid(folder.display().to_string(), problem));
+        }
         Ok(())
     }
 
-    /// Everything that is read.
-    fn inputs(&self) -> Vec<&Path> {
-        let mut read = vec![self.scene.as_path()];
-        read.extend(Some(self.depths.as_path()).filter(|path| !path.as_os_str().is_empty()));
-        read.extend(self.confidence.iter().map(PathBuf::as_path));
-        read.extend(
-            [&self.masks, &self.crop]
-                .into_iter()
-                .flatten()
-                .map(PathBuf::as_path),
-        );
+    /// Everything that is read: not the scene's whole folder, in which results may lie.
+    fn inputs(&self) -> Vec<PathBuf> {
+        let parts = [
+            "cams",
+            "sparse",
+            "stereo",
+            "blended_images",
+            "images",
+            "color",
+        ];
+        let parts = parts.map(|part| self.scene.join(part));
+        let mut read: Vec<PathBuf> = parts.into_iter().filter(|part| part.is_dir()).collect();
+        if read.is_empty() {
+            read.push(self.scene.clone());
+        }
+        read.extend(Some(self.depths.clone()).filter(|path| !path.as_os_str().is_empty()));
+        read.extend(self.confidence.iter().cloned());
+        read.extend([&self.masks, &self.crop].into_iter().flatten().cloned());
         read
     }
 }
@@ -143,13 +171,16 @@ struct Report<'a> {
 ///
 /// Intermediate maps lie in a temporary folder beside the cloud where they do not fit into memory.
 pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
-    check_out_file(&job.out, context.force)?;
     job.check()?;
+    let (report, run_file) = (report_path(&job.out), run_file_beside(&job.out));
+    check_out_files(&[&job.out, &report, &run_file], context.force)?;
     let maps = FolderMaps::open(job, context)?;
+    let run = Run::new("fuse", job, &as_paths(&job.inputs()))?;
+    remove_if_there(&run_file)?; // it comes back last: without it the result is not whole
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
     let region: Option<&Region<'_>> = if prism.is_some() { Some(&inside) } else { None };
-    let (scratch, memory) = scratch(&maps, job)?;
+    let (scratch, memory) = scratch(&maps, job.fuse.mode, (&job.out, job.budget()))?;
     let inputs = FuseInputs {
         maps: &maps,
         region,
@@ -160,8 +191,30 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     };
     let outcome = write_cloud(job, &maps, (&inputs, context.force))?;
     write_report(job, &outcome)?;
-    Run::new("fuse", job, &job.inputs())?.write(&run_file_beside(&job.out))?;
+    run.write(&run_file)?;
     Ok(outcome)
+}
+
+/// Checks each of the files that a command writes, before the work; no two may be one file.
+fn check_out_files(paths: &[&Path], force: bool) -> Result<()> {
+    for (index, path) in paths.iter().enumerate() {
+        if paths[..index].contains(path) {
+            let problem = "expected a name for the result other than that of the files beside it, found \
+                           the same: use .ply (or .csv for --sweep)";
+            return Err(Error::invalid(path.display().to_string(), problem));
+        }
+        check_out_file(path, force)?;
+    }
+    Ok(())
+}
+
+fn as_paths(paths: &[PathBuf]) -> Vec<&Path> {
+    paths.iter().map(PathBuf::as_path).collect()
+}
+
+/// `cloud.json` for `cloud.ply`.
+fn report_path(out: &Path) -> PathBuf {
+    out.with_extension("json")
 }
 
 fn read_prism(path: &Path) -> Result<Prism> {
@@ -173,22 +226,22 @@ fn read_prism(path: &Path) -> Result<Prism> {
     )?)
 }
 
-/// In memory where two passes' maps take at most half of the budget, else in files; and what of the
-/// budget is left.
-fn scratch(maps: &FolderMaps<'_>, job: &FuseJob) -> Result<(Box<dyn Scratch>, usize)> {
-    let budget = job.memory.map_or(MEMORY, |mib| mib << 20);
+/// In memory where two passes' maps take at most half of the budget, else in files beside the
+/// result; and what of the budget is left.
+fn scratch(
+    maps: &FolderMaps<'_>,
+    mode: FuseMode,
+    (out, budget): (&Path, usize),
+) -> Result<(Box<dyn Scratch>, usize)> {
     let pixels = usize::try_from(maps.pixels()).unwrap_or(usize::MAX);
-    let bytes = match job.fuse.mode {
+    let bytes = match mode {
         FuseMode::Hkust => pixels.saturating_mul(2 * size_of::<f32>()),
         _ => 0,
     };
     if bytes <= budget / 2 {
         return Ok((Box::new(MemoryScratch::default()), budget - bytes));
     }
-    Ok((
-        Box::new(FileScratch(ScratchFolder::beside(&job.out)?)),
-        budget,
-    ))
+    Ok((Box::new(FileScratch(ScratchFolder::beside(out)?)), budget))
 }
 
 /// Fuses into the outputs, which appear only when they are whole and not empty.
@@ -206,6 +259,7 @@ fn write_cloud(
     let depths = depths.transpose()?;
     let mut failed = None;
     let mut outcome = None;
+    let mut filtered = None;
     let written = files::write_atomically(&job.out, |out| {
         let columns = columns(maps, &job.fuse);
         let ply = output::PlySink::new(out, (columns, job.properties), &comments(job), &job.out)?;
@@ -217,6 +271,7 @@ fn write_cloud(
         };
         match fuse_into(job, inputs, &mut outputs) {
             Ok((counts, merged)) => {
+                filtered = outputs.depths.take();
                 outcome = Some((outputs.finish()?, counts, merged));
                 Ok(())
             }
@@ -230,6 +285,7 @@ fn write_cloud(
         return Err(error);
     }
     written?;
+    filtered.map_or(Ok(()), output::DepthFolder::finish)?;
     let (points, counts, merged_in_voxels) = outcome.unwrap_or_default();
     Ok(FuseOutcome {
         views: maps.count(),
@@ -298,6 +354,13 @@ fn fingerprint(job: &FuseJob) -> String {
     blake3::hash(all.as_bytes()).to_hex()[..16].to_owned()
 }
 
+/// All options of the procedure and their fingerprint, on one line.
+pub fn summary(job: &FuseJob) -> String {
+    let text = toml::to_string(&job.fuse).unwrap_or_default();
+    let options: Vec<&str> = text.lines().collect();
+    format!("{}; fingerprint {}", options.join(", "), fingerprint(job))
+}
+
 /// The header's comments: the program, the fingerprint and every option.
 fn comments(job: &FuseJob) -> Vec<String> {
     let mut lines = vec![
@@ -320,8 +383,7 @@ fn write_report(job: &FuseJob, outcome: &FuseOutcome) -> Result<()> {
     };
     let text = serde_json::to_string_pretty(&report)
         .map_err(|error| Error::invalid("JSON", error.to_string()))?;
-    let path = job.out.with_extension("json");
-    Ok(files::write_atomically(&path, |out| {
+    Ok(files::write_atomically(&report_path(&job.out), |out| {
         writeln!(out, "{text}")
     })?)
 }

@@ -103,7 +103,8 @@ impl OutDir {
     }
 }
 
-fn remove_if_there(path: &Path) -> Result<()> {
+/// Removes a file, if it is there.
+pub(super) fn remove_if_there(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             Err(mvs_datasets::Error::io(path, "remove")(error).into())

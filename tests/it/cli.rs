@@ -263,6 +263,76 @@ fn depth_and_confidence_of_different_size_and_missing_depths_are_named() {
     assert!(!out.exists());
 }
 
+fn points_as_ply(points: &[&str]) -> String {
+    let properties = "property float x\nproperty float y\nproperty float z\n";
+    let head = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
+    format!("{head}{properties}end_header\n{}\n", points.join("\n"))
+}
+
+#[test]
+fn inspect_understands_a_folder_of_tanks_and_temples() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join("download").join(name);
+    write(
+        &path("Barn.ply"),
+        points_as_ply(&["0 0 0", "2 0 0", "nan 0 0"]),
+    );
+    write(
+        &path("Barn.json"),
+        r#"{"class_name": "SelectionPolygonVolume", "orthogonal_axis": "Z", "axis_min": -1, "axis_max": 1,
+            "bounding_polygon": [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]}"#,
+    );
+    let rows = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    write(
+        &path("Barn_trans.txt"),
+        rows.replace('1', "2.5").replace("0 2.5\n", "0 1\n"),
+    );
+    write(
+        &path("Barn_COLMAP_SfM.log"),
+        format!("0 0 0\n{rows}1 1 0\n{rows}"),
+    );
+    let output = mvs_eval(&["inspect", text(&path("")), "--format", "table"]);
+    let said = String::from_utf8(output.stdout.clone()).unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let facts = [
+        ("scene", "Barn"),
+        ("points of the scan", "2"),
+        ("inside the crop volume", "1"),
+        ("reference poses", "2"),
+        ("scale of the transform", "2.5"),
+        ("τ", "0.01 m"),
+    ];
+    for (name, value) in facts {
+        let line = |line: &str| line.contains(name) && line.contains(value);
+        assert!(said.lines().any(line), "{name} {value}: {said}");
+    }
+    assert!(said.contains("Tanks and Temples scene"), "{said}");
+    // Without one of its files it is no scene, and what it is else is said.
+    std::fs::remove_file(path("Barn_trans.txt")).unwrap();
+    assert_refused(&["inspect", text(&path(""))], &["download", "expected"]);
+}
+
+/// A value below 0 is the command's to refuse: `-1` is no unknown argument.
+#[test]
+fn a_negative_value_is_refused_by_its_own_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = folder.path().join("cloud.ply");
+    write(&cloud, points_as_ply(&["0 0 0"]));
+    let out = folder.path().join("out");
+    let arguments = [
+        "score",
+        "--truth",
+        text(&cloud),
+        "--reconstruction",
+        text(&cloud),
+        "--tau",
+        "-1",
+        "--out",
+        text(&out),
+    ];
+    assert_refused(&arguments, &["tolerance", "-1"]);
+}
+
 /// An image beside the cams tells their size, and that these count from the first pixel's centre.
 #[test]
 fn inspect_recognises_cams_with_integer_pixel_centres() {

@@ -4,6 +4,7 @@
 use crate::support::real_data;
 use glam::{DMat4, DVec2, DVec3};
 use mvs_datasets::FormatError;
+use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{
     cam, colmap, crop, gltf, image, log, obj, pair, pfm, ply, transform, transforms,
 };
@@ -292,6 +293,13 @@ fn glb(json: &str) -> Vec<u8> {
 }
 
 /// A small valid file of every format, and its reader.
+/// COLMAP's dense array of 3x2 pixels.
+fn dense_array(channels: usize) -> Vec<u8> {
+    let mut bytes = format!("3&2&{channels}&").into_bytes();
+    bytes.extend((0..6 * channels).flat_map(|value| (value as f32 + 0.5).to_le_bytes()));
+    bytes
+}
+
 fn samples() -> Vec<(&'static str, Vec<u8>, Reader)> {
     let cloud = PointCloud::new(vec![DVec3::ONE, DVec3::new(1.5, -2.0, 1e6), DVec3::ZERO])
         .with_colors(vec![[1, 2, 3]; 3])
@@ -330,6 +338,13 @@ fn samples() -> Vec<(&'static str, Vec<u8>, Reader)> {
         ("mesh", mesh.into(), |b| ply::read_mesh(b).map(drop)),
         ("obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 1\nusemtl a\nf 1/1 2/1 3/1 4/1\nf -1 -2 -3\n".to_vec(), |b| {
             obj::read_obj(b).map(drop)
+        }),
+        ("dense map", dense_array(1), |b| {
+            dense::read_size(b)?;
+            dense::read_gray(b).map(drop)
+        }),
+        ("dense normals", dense_array(3), |b| {
+            dense::read_normals(b).map(drop)
         }),
         ("gltf", triangle_gltf().into(), read_gltf),
         ("glb", glb(&triangle_gltf()), read_gltf),

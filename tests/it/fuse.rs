@@ -1,5 +1,8 @@
 //! The file job on the synthetic scene: streaming, determinism, report, refusals.
 
+mod places;
+mod real;
+
 use glam::DVec3;
 use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};

@@ -123,10 +123,10 @@ fn read_view(path: &Path, id: u32, options: &CamsOptions) -> Result<View> {
 fn view_of(cam: &CamFile, id: u32, options: &CamsOptions) -> Result<View, FormatError> {
     let pose = Pose::from_matrix(cam.extrinsic).map_err(FormatError::at("extrinsic"))?;
     let camera = camera_of(&cam.intrinsic, options).map_err(FormatError::at("intrinsic"))?;
-    let depth_range = match cam.depth_range() {
-        Some((min, max)) => Some(DepthRange::new(min, max).map_err(FormatError::at("depth line"))?),
-        None => None,
-    };
+    // Foreign files have a depth of 0 where none is known: that is no range.
+    let depth_range = cam
+        .depth_range()
+        .and_then(|(min, max)| DepthRange::new(min, max).ok());
     Ok(View {
         id,
         name: String::new(),

@@ -66,6 +66,14 @@ impl TntFolder {
         })
     }
 
+    /// Finds the one scene whose files are in `folder`: the one of the folder's name, else the only
+    /// one; `None` where there is none or it is not clear which.
+    pub fn find(folder: &Path) -> Option<Self> {
+        Self::open(folder, None)
+            .ok()
+            .or_else(|| Self::open(folder, Some(&other_name(folder)?)).ok())
+    }
+
     /// Reads the scan.
     pub fn read_truth(&self) -> Result<PointCloud> {
         files::read_cloud(&self.truth)

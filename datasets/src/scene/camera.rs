@@ -2,6 +2,10 @@ use super::distortion::Distortion;
 use crate::error::{Error, Result};
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
+/// The most pixels that an image can have here, as the image readers': what a camera sees can be
+/// allocated.
+const MAX_PIXELS: u64 = 1 << 29;
+
 /// A camera: image size and intrinsics in pixels, and what its lens does, if anything.
 ///
 /// Continuous image coordinates: the centre of pixel (column, row) is (column + 0.5, row + 0.5).
@@ -25,6 +29,10 @@ impl Camera {
     pub fn new(width: u32, height: u32, focal: DVec2, center: DVec2) -> Result<Self> {
         if width == 0 || height == 0 {
             let problem = format!("expected at least 1x1 pixels, found {width}x{height}");
+            return Err(Error::invalid("camera", problem));
+        }
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            let problem = format!("expected at most {MAX_PIXELS} pixels, found {width}x{height}");
             return Err(Error::invalid("camera", problem));
         }
         if !(focal.is_finite() && focal.x > 0.0 && focal.y > 0.0) {
@@ -286,6 +294,16 @@ mod tests {
 
     fn camera() -> Camera {
         Camera::new(640, 480, DVec2::new(600.0, 610.0), DVec2::new(321.5, 239.0)).unwrap()
+    }
+
+    #[test]
+    fn images_that_nobody_can_hold_are_refused() {
+        let camera = |width, height| Camera::new(width, height, DVec2::ONE, DVec2::ZERO);
+        assert!(camera(65_535, 8_192).is_ok());
+        let error = camera(2_000_000_000, 2_000_000_000)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("2000000000x2000000000"), "{error}");
     }
 
     #[test]

@@ -1,17 +1,17 @@
 //! A folder of depth maps, read one at a time.
 
-use super::{FuseJob, workspace};
+use super::{FuseJob, cams, workspace};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, Scratch};
 use crate::jobs::Context;
 use crate::warning::Warnings;
 use mvs_datasets::format::colmap::dense;
-use mvs_datasets::format::{image, pfm};
+use mvs_datasets::format::image;
 use mvs_datasets::layout::files;
-use mvs_datasets::layout::mvsnet::{self, CamsOptions};
+use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_datasets::layout::workspace::Workspace;
-use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, Scene, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -57,8 +57,9 @@ impl<'a> FolderMaps<'a> {
             Some(workspace) if job.depths.as_os_str().is_empty() => {
                 workspace::entries(job, &workspace, context)?
             }
-            _ => cams_entries(job, context)?,
+            _ => cams::entries(job, context)?,
         };
+        warn_of_missing_images(&entries, context);
         Ok(Self {
             has_images: entries.iter().all(|entry| entry.image.is_some()),
             has_confidence: !job.confidence.is_empty(),
@@ -76,16 +77,20 @@ impl<'a> FolderMaps<'a> {
     }
 }
 
-/// The views of a folder of cams that have a depth map in the job's folder.
-fn cams_entries(job: &FuseJob, context: &Context<'_>) -> Result<Vec<Entry>> {
-    let options = CamsOptions {
-        pixel_centre: job.pixel_center,
-        size: image_size(job)?,
+/// Without all images there are no colours: says so where some are there.
+fn warn_of_missing_images(entries: &[Entry], context: &Context<'_>) {
+    let missing = || entries.iter().filter(|entry| entry.image.is_none());
+    let (Some(first), count) = (missing().next(), missing().count()) else {
+        return;
     };
-    let scene = mvsnet::read_scene(&job.scene, &options)?;
-    let present = present_views(job, &scene, context)?;
-    let entry = |&index: &usize| Entry::find(job, &scene, &present, index);
-    present.iter().map(entry).collect()
+    if count < entries.len() {
+        let message = format!(
+            "{count} of {} views have no image, the first is view {}: points get no colours",
+            entries.len(),
+            first.view.id
+        );
+        context.warnings.add("missing-image", message);
+    }
 }
 
 /// Checks that there are depth maps, and warns of views without one; `example` is one's path.
@@ -107,49 +112,7 @@ pub(super) fn check_present(
     Ok(())
 }
 
-/// Positions in `scene` of the views that have a depth map.
-fn present_views(job: &FuseJob, scene: &Scene, context: &Context<'_>) -> Result<Vec<usize>> {
-    let all = 0..scene.views().len();
-    let there = |&index: &usize| depth_path(job, &scene.views()[index]).exists();
-    let present: Vec<usize> = all.filter(there).collect();
-    let first = scene.views().first().map_or(0, |view| view.id);
-    let example = job.depths.join(mvsnet::file_name(first, ".pfm"));
-    check_present((present.len(), scene.views().len()), &example, context)?;
-    Ok(present)
-}
-
-fn depth_path(job: &FuseJob, view: &View) -> PathBuf {
-    job.depths.join(mvsnet::file_name(view.id, ".pfm"))
-}
-
-impl Entry {
-    fn find(job: &FuseJob, scene: &Scene, present: &[usize], index: usize) -> Result<Self> {
-        let view = &scene.views()[index];
-        let depth = depth_path(job, view);
-        let (width, height) = files::read_with(&depth, pfm::read_size)?;
-        let camera = view.camera.resized(width, height)?;
-        let position_of = |id: u32| present.binary_search(&scene.index_of(id)?).ok();
-        let listed = scene.sources_of(index).iter();
-        let sources = listed.filter_map(|source| position_of(source.id)).collect();
-        let mask = job.masks.as_ref().map(|folder| find_mask(folder, view.id));
-        Ok(Self {
-            sources,
-            number: u32::try_from(index).unwrap_or(u32::MAX),
-            encoding: Encoding::Pfm,
-            depth,
-            normals: None,
-            confidence: job.confidence_paths(view.id),
-            mask: mask.transpose()?,
-            image: find_image(&job.scene, view.id),
-            view: View {
-                camera,
-                ..view.clone()
-            },
-        })
-    }
-}
-
-fn find_mask(folder: &Path, id: u32) -> Result<PathBuf> {
+pub(super) fn find_mask(folder: &Path, id: u32) -> Result<PathBuf> {
     let names = [".png", ".jpg"].map(|suffix| folder.join(mvsnet::file_name(id, suffix)));
     names.into_iter().find(|path| path.exists()).ok_or_else(|| {
         let problem = format!(
@@ -167,21 +130,6 @@ pub(in crate::jobs) fn find_image(scene: &Path, id: u32) -> Option<PathBuf> {
     folders
         .flat_map(|folder| names.clone().map(|name| folder.join(name)))
         .find(|path| path.exists())
-}
-
-/// The size the cams are for: that of the scene's first image. Without images it is twice the
-/// principal point.
-fn image_size(job: &FuseJob) -> Result<Option<(u32, u32)>> {
-    let options = CamsOptions {
-        pixel_centre: job.pixel_center,
-        size: None,
-    };
-    let scene = mvsnet::read_scene(&job.scene, &options)?;
-    let mut views = scene.views().iter();
-    let image = views.find_map(|view| find_image(&job.scene, view.id));
-    image
-        .map(|path| Ok(files::read_with(&path, image::read_size)?))
-        .transpose()
 }
 
 impl DepthMaps for FolderMaps<'_> {

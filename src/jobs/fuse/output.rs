@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::fuse::{Columns, DepthMaps, PointSink, Points};
 use mvs_datasets::format::pfm;
 use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
+use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_datasets::layout::visible::VisibleWriter;
 use mvs_datasets::layout::{files, mvsnet};
 use mvs_datasets::scene::Raster;
@@ -74,9 +75,13 @@ impl Visible {
     }
 }
 
-/// The depths that became points, view by view, as maps.
+/// The depths that became points, view by view, as maps. They get to their folder when all are
+/// there.
 pub(super) struct DepthFolder {
     path: PathBuf,
+    /// Where they wait.
+    waiting: ScratchFolder,
+    names: Vec<String>,
     /// Views whose points have come.
     done: usize,
     /// What has come of the next view.
@@ -90,9 +95,10 @@ impl DepthFolder {
         if let (Some(there), false) = (there, force) {
             return Err(Error::exists(&there));
         }
-        let path = path.to_path_buf();
         Ok(Self {
-            path,
+            path: path.to_path_buf(),
+            waiting: ScratchFolder::beside(path)?,
+            names: Vec::new(),
             done: 0,
             map: None,
         })
@@ -125,14 +131,29 @@ impl DepthFolder {
         Ok(())
     }
 
+    /// Moves the maps to their folder.
+    pub(super) fn finish(self) -> Result<()> {
+        let folder = &self.path;
+        std::fs::create_dir_all(folder)
+            .map_err(mvs_datasets::Error::io(folder, "create the folder"))?;
+        for name in &self.names {
+            let path = folder.join(name);
+            std::fs::rename(self.waiting.folder().join(name), &path)
+                .map_err(mvs_datasets::Error::io(&path, "write"))?;
+        }
+        Ok(())
+    }
+
     /// Writes the next view's map.
     fn write(&mut self, maps: &FolderMaps<'_>) -> Result<()> {
         let map = self.map(maps)?;
         let name = mvsnet::file_name(maps.view(self.done).id, ".pfm");
         self.done += 1;
-        Ok(files::write_atomically(&self.path.join(name), |out| {
+        files::write_atomically(&self.waiting.folder().join(&name), |out| {
             pfm::write_gray(out, &map)
-        })?)
+        })?;
+        self.names.push(name);
+        Ok(())
     }
 }
 

@@ -1,13 +1,11 @@
 //! `mvs-eval fuse --sweep`: the same maps fused with a grid of parameters, so that tuning by scene
 //! shows.
 
-use super::FuseJob;
 use super::maps::FolderMaps;
-use crate::error::Result;
-use crate::fuse::{
-    DepthMaps, FuseCounts, FuseInputs, FuseOptions, MEMORY, MemoryScratch, Points, fuse_maps,
-};
-use crate::jobs::{Context, check_out_file, run_file_beside};
+use super::{FuseJob, as_paths, check_out_files};
+use crate::error::{Error, Result};
+use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, Points, fuse_maps};
+use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
 use crate::score::plain::{Preparation, evaluate};
@@ -28,7 +26,7 @@ pub struct SweepJob {
     pub pixel_errors: Vec<f64>,
     /// Values of `min_sources`.
     pub min_sources: Vec<usize>,
-    /// Values of `min_confidence`; without confidence maps only the first is used.
+    /// Values of `min_confidence`; without confidence maps it is not varied.
     pub min_confidences: Vec<f32>,
     /// A cloud of the true surface: each combination is scored against it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -81,14 +79,19 @@ pub struct SweepOutcome {
 
 /// Fuses with every combination and writes the table.
 pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
-    check_out_file(&job.out, context.force)?;
-    job.fuse.check()?;
+    job.check()?;
+    let run_file = run_file_beside(&job.out);
+    check_out_files(&[&job.out, &run_file], context.force)?;
+    let all = combinations(job);
+    all.iter().try_for_each(FuseOptions::check)?;
     let truth = read_truth(job)?;
     let folder = FolderMaps::open(&job.fuse, context)?;
-    let kept = KeptMaps::read(&folder, context)?;
+    let mut read = job.fuse.inputs();
+    read.extend(job.truth.clone());
+    let run = Run::new("sweep", job, &as_paths(&read))?;
+    let kept = KeptMaps::read(&folder, job.fuse.budget(), context)?;
     let mut rows = Vec::new();
-    for options in combinations(job, kept.has_confidence()) {
-        options.check()?;
+    for options in all {
         rows.push(one(job, &options, (&kept, truth.as_ref()), context)?);
     }
     let scores: Vec<f64> = rows
@@ -104,9 +107,7 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
         rows,
     };
     files::write_atomically(&job.out, |out| write_csv(out, &outcome.rows))?;
-    let mut read = job.fuse.inputs();
-    read.extend(job.truth.as_deref());
-    Run::new("sweep", job, &read)?.write(&run_file_beside(&job.out))?;
+    run.write(&run_file)?;
     Ok(outcome)
 }
 
@@ -119,27 +120,58 @@ fn read_truth(job: &SweepJob) -> Result<Option<(FinitePoints, Tolerance)>> {
     Ok(Some((FinitePoints::new(cloud.positions().to_vec()), tau)))
 }
 
-fn combinations(job: &SweepJob, has_confidence: bool) -> Vec<FuseOptions> {
-    let used = if has_confidence {
-        job.min_confidences.len()
-    } else {
-        job.min_confidences.len().min(1)
-    };
+impl SweepJob {
+    /// Refuses what only a cloud has.
+    fn check(&self) -> Result<()> {
+        self.fuse.check()?;
+        let fuse = &self.fuse;
+        let odd = [
+            (fuse.voxel != 0.0, "--voxel"),
+            (fuse.vis, "--vis"),
+            (fuse.filtered_depths.is_some(), "--filtered-depths"),
+        ];
+        match odd.iter().find(|(given, _)| *given) {
+            Some((_, flag)) => {
+                let problem =
+                    format!("expected no {flag} with --sweep, which writes a table, no cloud");
+                Err(Error::invalid("sweep", problem))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// The grid. What a mode does not ask for is not varied: confidence without maps of it or with a
+/// quantile in its place, `dynamic`'s bounds and minimum, `gipuma`'s pixels.
+fn combinations(job: &SweepJob) -> Vec<FuseOptions> {
+    let own = &job.fuse.fuse;
+    let by_confidence = !job.fuse.confidence.is_empty() && own.confidence_quantile == 0.0;
+    let mode = own.mode;
+    let by_sources = mode != FuseMode::Dynamic;
+    let by_pixels = !matches!(mode, FuseMode::Dynamic | FuseMode::Gipuma);
+    let confidences = axis(by_confidence, &job.min_confidences, own.min_confidence);
+    let sources = axis(by_sources, &job.min_sources, own.min_sources);
+    let pixels = axis(by_pixels, &job.pixel_errors, own.max_pixel_error);
     let mut all = Vec::new();
-    for &min_confidence in &job.min_confidences[..used] {
-        for &min_sources in &job.min_sources {
-            for &max_pixel_error in &job.pixel_errors {
+    for &min_confidence in confidences.iter() {
+        for &min_sources in sources.iter() {
+            for &max_pixel_error in pixels.iter() {
                 all.push(FuseOptions {
                     max_pixel_error,
                     min_sources,
                     min_confidence,
                     normals: false,
-                    ..job.fuse.fuse.clone()
+                    ..own.clone()
                 });
             }
         }
     }
     all
+}
+
+/// The values of an axis that counts, else the one value.
+fn axis<T: Copy>(counts: bool, values: &[T], own: T) -> Vec<T> {
+    if counts { values.to_vec() } else { vec![own] }
 }
 
 fn one(
@@ -155,11 +187,13 @@ fn one(
         .map(super::read_prism)
         .transpose()?;
     let inside = |point| prism.as_ref().is_none_or(|prism| prism.contains(point));
+    let place = (job.out.as_path(), job.fuse.budget());
+    let (scratch, memory) = super::scratch(maps.folder, options.mode, place)?;
     let inputs = FuseInputs {
         maps,
         region: prism.is_some().then_some(&inside),
-        scratch: &MemoryScratch::default(),
-        memory: MEMORY,
+        scratch: scratch.as_ref(),
+        memory,
         progress: context.progress,
         warnings: context.warnings,
     };
@@ -221,7 +255,8 @@ fn write_csv(out: &mut impl Write, rows: &[SweepRow]) -> std::io::Result<()> {
     Ok(())
 }
 
-/// The maps of a folder, read once and kept; no images and no normals, which no count needs.
+/// The maps of a folder, without images, which no count needs: read once and kept where all of them
+/// fit into the budget, else read when they are asked for.
 struct KeptMaps<'a> {
     folder: &'a FolderMaps<'a>,
     maps: Vec<KeptView>,
@@ -236,7 +271,13 @@ struct KeptView {
 }
 
 impl<'a> KeptMaps<'a> {
-    fn read(folder: &'a FolderMaps<'a>, context: &Context<'_>) -> Result<Self> {
+    fn read(folder: &'a FolderMaps<'a>, budget: usize, context: &Context<'_>) -> Result<Self> {
+        // Depth and confidence, mask, normals.
+        let bytes = folder.pixels().saturating_mul(4 + 4 + 1 + 12);
+        if bytes > budget as u64 {
+            let maps = Vec::new();
+            return Ok(Self { folder, maps });
+        }
         context.progress.begin("reading", folder.count() as u64);
         let read = |index| {
             context.progress.check()?;
@@ -256,7 +297,7 @@ impl<'a> KeptMaps<'a> {
 
 impl DepthMaps for KeptMaps<'_> {
     fn count(&self) -> usize {
-        self.maps.len()
+        self.folder.count()
     }
 
     fn view(&self, index: usize) -> &View {
@@ -268,19 +309,31 @@ impl DepthMaps for KeptMaps<'_> {
     }
 
     fn depth(&self, index: usize) -> Result<DepthMap> {
-        Ok(self.maps[index].depth.clone())
+        match self.maps.get(index) {
+            Some(kept) => Ok(kept.depth.clone()),
+            None => self.folder.depth(index),
+        }
     }
 
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
-        Ok(self.maps[index].confidence.clone())
+        match self.maps.get(index) {
+            Some(kept) => Ok(kept.confidence.clone()),
+            None => self.folder.confidence(index),
+        }
     }
 
     fn mask(&self, index: usize) -> Result<Option<Mask>> {
-        Ok(self.maps[index].mask.clone())
+        match self.maps.get(index) {
+            Some(kept) => Ok(kept.mask.clone()),
+            None => self.folder.mask(index),
+        }
     }
 
     fn normals(&self, index: usize) -> Result<Option<NormalMap>> {
-        Ok(self.maps[index].normals.clone())
+        match self.maps.get(index) {
+            Some(kept) => Ok(kept.normals.clone()),
+            None => self.folder.normals(index),
+        }
     }
 
     fn image(&self, _index: usize) -> Result<Option<ColorImage>> {

@@ -2,11 +2,11 @@
 
 use super::text::{between, box_text, short};
 use super::{Answer, Fact, InspectJob, fact};
+use crate::jobs::cameras::{INTEGER_CENTRES, are_half_pixel_off};
 use crate::jobs::fuse::find_image;
 use glam::DVec2;
 use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
 use mvs_datasets::layout::files;
-use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::scene::{Aabb, Distortion, Scene, View};
 
 /// What the folder or file of cameras holds.
@@ -40,16 +40,10 @@ fn inspect_cams(job: &InspectJob, read: ReadCameras, options: CamerasOptions) ->
         ..options
     };
     let read = cameras::read_scene(&job.path, &options)?;
-    let from_corner = read.scene.views().first().map(|view| view.camera.center());
+    let integer = are_half_pixel_off(&read.scene).then_some(INTEGER_CENTRES);
     let mut facts = camera_facts(read);
     facts.push(fact("image size from", image.display().to_string()));
-    let half = DVec2::new(f64::from(size.0), f64::from(size.1)) / 2.0;
-    let off = from_corner.map_or(DVec2::ZERO, |center| center - half);
-    if job.pixel_center == PixelCentre::Half && (off + 0.5).abs().max_element() < 1e-6 {
-        let text = "the principal point is half a pixel above and left of the image's middle: the cams \
-                    seem to count from the top-left pixel's centre; if so, use --pixel-center integer";
-        facts.push(fact("note", text));
-    }
+    facts.extend(integer.map(|note| fact("note", note)));
     Ok((source_name(CameraSource::Cams), facts))
 }
 

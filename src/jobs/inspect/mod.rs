@@ -5,13 +5,15 @@ mod text;
 
 use super::Context;
 use crate::error::{Error, Result};
+use crate::score::points::prism;
 use mvs_datasets::layout::mvsnet::PixelCentre;
+use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
 use mvs_datasets::layout::{files, mesh};
 use mvs_datasets::scene::{Aabb, ColorImage, Material, Mesh};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use text::{between, box_text};
+use text::{between, box_text, short};
 
 /// Options of `mvs-eval inspect`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -79,14 +81,55 @@ pub fn run(job: &InspectJob, _context: &Context<'_>) -> Result<Inspection> {
 }
 
 fn unknown(path: &Path) -> Error {
-    let known = "a .ply, .obj, .gltf, .glb, .pfm, .jpg, .png, .log or .json file, or a folder of cams or meshes";
+    let known = "a .ply, .obj, .gltf, .glb, .pfm, .jpg, .png, .log or .json file, or a folder of cams, meshes or a Tanks and Temples scene";
     Error::invalid(path.display().to_string(), format!("expected {known}"))
 }
 
 type Answer = Result<(&'static str, Vec<Fact>)>;
 
 fn inspect_folder(job: &InspectJob) -> Answer {
+    if let Some(folder) = TntFolder::find(&job.path) {
+        return inspect_tnt(&folder);
+    }
     cameras::inspect(job).or_else(|no_cams| inspect_mesh(&job.path).map_err(|_| no_cams))
+}
+
+fn inspect_tnt(folder: &TntFolder) -> Answer {
+    let (truth, dropped) = folder.read_truth()?.without_non_finite();
+    let crop = prism(&folder.read_crop()?)?;
+    let points = truth.positions().iter();
+    let kept = points.filter(|&&point| crop.contains(point)).count();
+    let tolerance = known_tolerance(&folder.name);
+    let facts = vec![
+        fact("scene", folder.name.clone()),
+        fact(
+            "τ",
+            tolerance.map_or("not one of the seven scenes: give --tau".into(), |tau| {
+                format!("{tau} m")
+            }),
+        ),
+        fact("points of the scan", truth.len().to_string()),
+        fact("not finite, left out", dropped.to_string()),
+        fact("inside the crop volume", kept.to_string()),
+        fact("bounds", box_text(truth.bounds())),
+        fact(
+            "reference poses",
+            folder.read_trajectory()?.len().to_string(),
+        ),
+        fact(
+            "scale of the transform",
+            short(folder.read_transform()?.scale()),
+        ),
+        fact(
+            "mapping of a video log",
+            if folder.mapping.is_some() {
+                "yes"
+            } else {
+                "no"
+            },
+        ),
+    ];
+    Ok(("Tanks and Temples scene", facts))
 }
 
 fn inspect_ply(path: &Path) -> Answer {

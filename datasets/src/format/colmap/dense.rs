@@ -66,8 +66,11 @@ fn header(bytes: &[u8]) -> Result<(u32, u32, u32, usize), FormatError> {
         let text = digits.and_then(|end| std::str::from_utf8(&bytes[at..at + end]).ok());
         let value = text.and_then(|text| text.parse::<u32>().ok());
         let (Some(end), Some(value)) = (digits, value) else {
-            let problem =
-                format!("expected {what} in digits and `&`, as COLMAP's dense maps start");
+            let found = String::from_utf8_lossy(&bytes[at..bytes.len().min(at + 11)]);
+            let problem = format!(
+                "expected {what} in digits and `&`, as COLMAP's dense maps start, found `{}`",
+                found.escape_debug()
+            );
             return Err(FormatError::new(format!("byte {at}"), problem));
         };
         at += end + 1;

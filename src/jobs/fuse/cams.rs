@@ -1,0 +1,260 @@
+//! A folder of cams as depth maps to fuse: which views, and the size that each camera is for.
+
+use super::FuseJob;
+use super::maps::{Encoding, Entry, check_present, find_image, find_mask};
+use crate::config::Size;
+use crate::error::{Error, Result};
+use crate::jobs::{Context, cameras};
+use mvs_datasets::format::{image, pfm};
+use mvs_datasets::layout::files;
+use mvs_datasets::layout::mvsnet::{self, CamsOptions};
+use mvs_datasets::scene::{Camera, Scene, View};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Shapes that differ by less than this fraction are the same but for rounding.
+const SAME_SHAPE: f64 = 0.05;
+
+/// The views of a folder of cams that have a depth map in the job's folder.
+pub(super) fn entries(job: &FuseJob, context: &Context<'_>) -> Result<Vec<Entry>> {
+    if job.depths.as_os_str().is_empty() {
+        let problem = "expected the folder of depth maps (--depths), or a COLMAP dense workspace as the \
+                       scene, found neither";
+        return Err(Error::invalid(job.scene.display().to_string(), problem));
+    }
+    let options = CamsOptions {
+        pixel_centre: job.pixel_center,
+        size: None,
+    };
+    let scene = mvsnet::read_scene(&job.scene, &options)?;
+    let present = present_views(job, &scene, context)?;
+    let mut sizes = Sizes::default();
+    let entry = |&index: &usize| entry(job, (&scene, &present), index, &mut sizes);
+    let entries = present.iter().map(entry).collect::<Result<Vec<_>>>()?;
+    sizes.warn(present.len(), context);
+    warn_of_repeats(&scene, context);
+    warn_of_ranges(job, &entries, context);
+    Ok(entries)
+}
+
+/// Says so where depths are to be kept inside the cams' ranges and some have none.
+fn warn_of_ranges(job: &FuseJob, entries: &[Entry], context: &Context<'_>) {
+    let without = entries
+        .iter()
+        .filter(|entry| entry.view.depth_range.is_none());
+    let without: Vec<u32> = without.map(|entry| entry.view.id).collect();
+    if let (true, Some(first)) = (job.fuse.view_range, without.first()) {
+        let message = format!(
+            "{} views have no depth range above 0 in their cam.txt, the first is view {first}: all their \
+             depths count",
+            without.len()
+        );
+        context.warnings.add("no-depth-range", message);
+    }
+}
+
+/// Positions in `scene` of the views that have a depth map.
+fn present_views(job: &FuseJob, scene: &Scene, context: &Context<'_>) -> Result<Vec<usize>> {
+    let all = 0..scene.views().len();
+    let there = |&index: &usize| depth_path(job, &scene.views()[index]).exists();
+    let present: Vec<usize> = all.filter(there).collect();
+    let first = scene.views().first().map_or(0, |view| view.id);
+    let example = job.depths.join(mvsnet::file_name(first, ".pfm"));
+    check_present((present.len(), scene.views().len()), &example, context)?;
+    Ok(present)
+}
+
+fn depth_path(job: &FuseJob, view: &View) -> PathBuf {
+    job.depths.join(mvsnet::file_name(view.id, ".pfm"))
+}
+
+fn entry(
+    job: &FuseJob,
+    (scene, present): (&Scene, &[usize]),
+    index: usize,
+    sizes: &mut Sizes,
+) -> Result<Entry> {
+    let view = &scene.views()[index];
+    let depth = depth_path(job, view);
+    let size = files::read_with(&depth, pfm::read_size)?;
+    let image = image_of(&job.scene, view.id);
+    let camera = sizes.camera(job, (view, size), image.as_deref())?;
+    let position_of = |id: u32| present.binary_search(&scene.index_of(id)?).ok();
+    let mut listed = BTreeSet::new();
+    let sources = scene.sources_of(index).iter();
+    let sources = sources.filter(|source| listed.insert(source.id));
+    let mask = job.masks.as_ref().map(|folder| find_mask(folder, view.id));
+    Ok(Entry {
+        sources: sources
+            .filter_map(|source| position_of(source.id))
+            .collect(),
+        number: u32::try_from(index).unwrap_or(u32::MAX),
+        encoding: Encoding::Pfm,
+        depth,
+        normals: None,
+        confidence: job.confidence_paths(view.id),
+        mask: mask.transpose()?,
+        image,
+        view: View {
+            camera: camera.resized(size.0, size.1)?,
+            ..view.clone()
+        },
+    })
+}
+
+/// The view's image: in the scene's folder, or beside it where that is the folder of cams.
+fn image_of(scene: &Path, id: u32) -> Option<PathBuf> {
+    let beside = scene.parent().filter(|_| scene.ends_with("cams"));
+    find_image(scene, id).or_else(|| find_image(beside?, id))
+}
+
+/// A source that is listed twice is one view, and counts once.
+fn warn_of_repeats(scene: &Scene, context: &Context<'_>) {
+    let repeated = |index: &usize| {
+        let mut listed = BTreeSet::new();
+        let mut sources = scene.sources_of(*index).iter();
+        sources.any(|source| !listed.insert(source.id))
+    };
+    let repeated: Vec<usize> = (0..scene.views().len()).filter(repeated).collect();
+    if let Some(&first) = repeated.first() {
+        let message = format!(
+            "pair.txt: {} views list a source view twice, the first is view {}: it counts once",
+            repeated.len(),
+            scene.views()[first].id
+        );
+        context.warnings.add("repeated-source", message);
+    }
+}
+
+/// What image sizes the intrinsics are taken for, since a `cam.txt` does not say.
+#[derive(Default)]
+struct Sizes {
+    /// Views whose size is no image's, and the first one's id, size and reason.
+    assumed: Vec<(u32, Size, &'static str)>,
+    /// Cameras as taken, but for views where `--pixel-center` cannot be judged.
+    half_pixel_off: usize,
+}
+
+impl Sizes {
+    /// The view's camera with the image size that its intrinsics are for: `--camera-size`; the
+    /// image's where that goes with the principal point; the depth map's where that does; the
+    /// image's; twice the principal point where that has the depth map's shape.
+    fn camera(
+        &mut self,
+        job: &FuseJob,
+        (view, depth): (&View, (u32, u32)),
+        image: Option<&Path>,
+    ) -> Result<Camera> {
+        let of = |(width, height): (u32, u32)| Size { width, height };
+        let image = image.map(|path| files::read_with(path, image::read_size));
+        let (image, depth) = (image.transpose()?.map(of), of(depth));
+        let twice = of((view.camera.width(), view.camera.height()));
+        let fits = |size: &Size| cameras::goes_with(*size, &view.camera);
+        let (size, assumed) = if let Some(size) = job.camera_size {
+            (size, None)
+        } else if let Some(size) = image.filter(fits) {
+            (size, None)
+        } else if fits(&depth) {
+            (
+                depth,
+                image.map(|_| "the depth maps', which the principal point fits, not the images'"),
+            )
+        } else if let Some(size) = image {
+            (
+                size,
+                Some("the images', whose middle is far from the principal point"),
+            )
+        } else if same_shape(twice, depth) {
+            (twice, Some("twice the principal point"))
+        } else {
+            let problem = format!(
+                "expected a principal point near the middle of an image or of the depth map of {depth} \
+                 pixels, found ({:.1}, {:.1}): give the images' size, --camera-size",
+                view.camera.center().x,
+                view.camera.center().y
+            );
+            return Err(Error::invalid(format!("view {}", view.id), problem));
+        };
+        self.assumed.extend(assumed.map(|why| (view.id, size, why)));
+        let camera = view.camera.cropped(0, 0, size.width, size.height)?;
+        self.half_pixel_off += usize::from(cameras::is_half_pixel_off(&camera));
+        Ok(camera)
+    }
+
+    fn warn(&self, views: usize, context: &Context<'_>) {
+        if self.half_pixel_off == views {
+            cameras::warn_of_integer_centres(context);
+        }
+        if let Some((id, size, why)) = self.assumed.first() {
+            let message = format!(
+                "the cams of {} views are taken for images of another size than theirs, view {id}'s for \
+                 {size} pixels ({why}): if that is wrong, give --camera-size",
+                self.assumed.len()
+            );
+            context.warnings.add("camera-size", message);
+        }
+    }
+}
+
+/// Whether two sizes have about the same ratio of width to height.
+fn same_shape(a: Size, b: Size) -> bool {
+    let ratio = |size: Size| f64::from(size.width) / f64::from(size.height);
+    (ratio(a) / ratio(b) - 1.0).abs() < SAME_SHAPE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+    use mvs_datasets::scene::Pose;
+
+    /// A view as a `cam.txt` gives it: its size is twice the principal point.
+    fn view(center: (f64, f64)) -> View {
+        let center = DVec2::new(center.0, center.1);
+        let size = (2.0 * center).round();
+        let camera = Camera::new(size.x as u32, size.y as u32, DVec2::splat(500.0), center);
+        View {
+            id: 7,
+            name: String::new(),
+            camera: camera.unwrap(),
+            pose: Pose::IDENTITY,
+            depth_range: None,
+        }
+    }
+
+    fn size_of(job: &FuseJob, center: (f64, f64), depth: (u32, u32)) -> Result<(u32, u32)> {
+        let camera = Sizes::default().camera(job, (&view(center), depth), None)?;
+        assert_eq!(
+            camera.focal(),
+            DVec2::splat(500.0),
+            "the focal length is as given"
+        );
+        assert_eq!(camera.center().to_array(), <[f64; 2]>::from(center));
+        Ok((camera.width(), camera.height()))
+    }
+
+    #[test]
+    fn without_images_the_depth_maps_size_counts_where_it_goes_with_the_principal_point() {
+        let mut job = FuseJob::default();
+        assert_eq!(
+            size_of(&job, (330.0, 238.0), (640, 480)).unwrap(),
+            (640, 480)
+        );
+        assert_eq!(
+            size_of(&job, (320.0, 240.0), (160, 120)).unwrap(),
+            (640, 480)
+        );
+        let error = size_of(&job, (100.0, 240.0), (640, 480))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("view 7") && error.contains("--camera-size"),
+            "{error}"
+        );
+        job.camera_size = Some("640x480".parse().unwrap());
+        assert_eq!(
+            size_of(&job, (100.0, 240.0), (640, 480)).unwrap(),
+            (640, 480)
+        );
+    }
+}

@@ -1,0 +1,211 @@
+//! Where the job reads and writes: sizes, repeats, what is missing, what is kept.
+
+use super::*;
+
+/// What the job warns of, by code.
+fn codes(job: &FuseJob) -> (mvs_eval::Result<FuseOutcome>, Vec<String>) {
+    let warnings = Warnings::default();
+    let context = Context {
+        progress: &Silent,
+        warnings: &warnings,
+        force: true,
+    };
+    let outcome = run(job, &context);
+    let sorted = warnings.sorted();
+    (
+        outcome,
+        sorted.into_iter().map(|warning| warning.code).collect(),
+    )
+}
+
+fn refused(job: &FuseJob, parts: &[&str]) {
+    let error = fuse(job, false).unwrap_err().to_string();
+    assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+}
+
+fn write_image(folder: &Path, id: u32, (width, height): (u32, u32)) {
+    let grey = ColorImage::filled(width, height, [90, 100, 110]).unwrap();
+    let path = folder.join("images").join(mvsnet::file_name(id, ".png"));
+    files::write_atomically(&path, |out| image::write_png(out, &grey)).unwrap();
+}
+
+/// Cams for the depth maps beside images of twice their size, or of another shape in one view, give
+/// the very points that cams with images of the maps' size give.
+#[test]
+fn cams_are_for_the_size_that_their_principal_point_goes_with() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let (outcome, warned) = codes(&job);
+    let points = outcome.unwrap().points;
+    assert!(warned.is_empty(), "{warned:?}");
+    let expected = files::read_cloud(&job.out).unwrap();
+    for view in scene.scene().views() {
+        write_image(folder.path(), view.id, (320, 240));
+    }
+    write_image(folder.path(), scene.scene().views()[2].id, (240, 320));
+    let (outcome, warned) = codes(&job);
+    assert_eq!(outcome.unwrap().points, points);
+    assert_eq!(warned, ["camera-size"]);
+    let found = files::read_cloud(&job.out).unwrap();
+    assert_eq!(found.positions(), expected.positions());
+    // The size can be said: cameras of twice the pixels see half as wide, off the surface.
+    job.camera_size = Some("320x240".parse().unwrap());
+    let outcome = codes(&job).0;
+    assert!(outcome.is_err() || outcome.unwrap().points < points);
+}
+
+#[test]
+fn cams_with_integer_pixel_centres_are_suspected() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    for view in scene.scene().views() {
+        let cam = folder
+            .path()
+            .join("cams")
+            .join(mvsnet::file_name(view.id, "_cam.txt"));
+        mvsnet::write_view(&cam, view, mvsnet::PixelCentre::Integer).unwrap();
+    }
+    assert_eq!(codes(&job).1, ["pixel-centre"]);
+    job.pixel_center = mvsnet::PixelCentre::Integer;
+    let (outcome, warned) = codes(&job);
+    assert!(outcome.is_ok() && warned.is_empty(), "{warned:?}");
+    let cloud = files::read_cloud(&job.out).unwrap();
+    let median = median_distance(&scene, cloud.positions());
+    assert!(median < 2e-4, "exact under either convention: {median:e}");
+}
+
+#[test]
+fn a_source_that_is_listed_twice_counts_once() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    // Each view has one source, and needs two.
+    let pairs = |times: usize| {
+        let views = scene.scene().views();
+        let mut text = format!("{}\n", views.len());
+        for (index, view) in views.iter().enumerate() {
+            let source = views[(index + 1) % views.len()].id;
+            let listed = format!(" {source} 9").repeat(times);
+            text.push_str(&format!("{}\n{times}{listed}\n", view.id));
+        }
+        files::write_atomically(&folder.path().join("cams/pair.txt"), |out| {
+            out.write_all(text.as_bytes())
+        })
+        .unwrap();
+        let (outcome, warned) = codes(&job);
+        (outcome.is_err(), warned)
+    };
+    assert_eq!(pairs(1), (true, vec!["few-sources".to_owned()]));
+    let both = vec!["few-sources".to_owned(), "repeated-source".to_owned()];
+    assert_eq!(pairs(3), (true, both));
+}
+
+#[test]
+fn files_beside_the_result_are_kept_too() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    job.out = folder.path().join("notes.json");
+    refused(&job, &["notes.json", "other than"]);
+    job.out = folder.path().join("notes.ply");
+    for beside in ["notes.json", "notes.run.toml"] {
+        let path = folder.path().join(beside);
+        std::fs::write(&path, "mine").unwrap();
+        refused(&job, &[beside, "--force"]);
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "mine");
+        std::fs::remove_file(&path).unwrap();
+    }
+    fuse(&job, false).unwrap();
+    let replayed = mvs_eval::provenance::Run::read(&folder.path().join("notes.run.toml")).unwrap();
+    assert!(
+        replayed.changed_inputs().is_empty(),
+        "the result lies in the scene's folder and is none of its inputs"
+    );
+}
+
+#[test]
+fn filtered_depths_come_whole_or_not_at_all() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    job.filtered_depths = Some(job.depths.clone());
+    refused(&job, &["depths", "that is not read"]);
+    let filtered = folder.path().join("filtered");
+    job.filtered_depths = Some(filtered.clone());
+    job.fuse.min_confidence = 2.0;
+    refused(&job, &["no pixel of 12 depth maps passed"]);
+    assert!(!filtered.exists() && !job.out.exists());
+    job.fuse.min_confidence = 0.5;
+    fuse(&job, false).unwrap();
+    assert_eq!(std::fs::read_dir(&filtered).unwrap().count(), 12);
+    let left = std::fs::read_dir(folder.path()).unwrap();
+    let hidden = left.filter(|entry| {
+        let name = entry.as_ref().unwrap().file_name();
+        name.to_string_lossy().starts_with('.')
+    });
+    assert_eq!(hidden.count(), 0, "no scratch folder stays");
+}
+
+#[test]
+fn what_is_missing_is_said() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let first = scene.scene().views()[0].id;
+    let path = |place: &str, suffix| {
+        folder
+            .path()
+            .join(place)
+            .join(mvsnet::file_name(first, suffix))
+    };
+    std::fs::remove_file(path("images", ".png")).unwrap();
+    // A range from 0 is none; it matters only where depths are to be kept inside ranges.
+    let cam = std::fs::read_to_string(path("cams", "_cam.txt")).unwrap();
+    let (rest, _) = cam.trim_end().rsplit_once('\n').unwrap();
+    std::fs::write(path("cams", "_cam.txt"), format!("{rest}\n0 0.01 128 3\n")).unwrap();
+    let (outcome, warned) = codes(&job);
+    let all = outcome.unwrap().points;
+    assert_eq!(warned, ["missing-image"]);
+    assert!(files::read_cloud(&job.out).unwrap().colors().is_none());
+    job.fuse.view_range = true;
+    let (outcome, warned) = codes(&job);
+    assert!(outcome.unwrap().points <= all);
+    assert_eq!(warned, ["missing-image", "no-depth-range"]);
+    (job.depths, job.out) = (Default::default(), folder.path().join("other.ply"));
+    refused(&job, &["--depths"]);
+}
+
+#[test]
+fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let fuse_job = write_scene(&scene, None, folder.path());
+    let mut job = SweepJob {
+        out: folder.path().join("sweep.csv"),
+        fuse: fuse_job,
+        ..SweepJob::default()
+    };
+    let rows = |job: &SweepJob| {
+        let warnings = Warnings::default();
+        let context = Context {
+            progress: &Silent,
+            warnings: &warnings,
+            force: true,
+        };
+        sweep::run(job, &context).map(|outcome| outcome.rows)
+    };
+    job.fuse.vis = true;
+    let error = rows(&job).unwrap_err().to_string();
+    assert!(error.contains("--vis"), "{error}");
+    job.fuse.vis = false;
+    job.fuse.fuse = FuseOptions::of(FuseMode::Dynamic);
+    assert_eq!(rows(&job).unwrap().len(), 1);
+    job.fuse.fuse = FuseOptions::of(FuseMode::Geo);
+    let in_memory = rows(&job).unwrap();
+    assert_eq!(in_memory.len(), 9);
+    // With room for no map all of them are read again, with the same result.
+    job.fuse.memory = Some(0);
+    assert_eq!(rows(&job).unwrap(), in_memory);
+}
