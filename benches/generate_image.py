@@ -1,14 +1,17 @@
 """A finished data-set image of 2048 x 1536: `mvs-eval generate` beside a straightforward script.
 
-usage: python benches/generate_image.py [--triangles 200000 1000000] [--views 4] [--csv FILE]
+usage: python benches/generate_image.py [--triangles 200000 1000000] [--views 4] [--repeats 3]
+           [--content noise natural] [--csv FILE]
        python benches/generate_image.py --throughput [--triangles 200000 1000000 5000000] [--csv FILE]
 
 Needs open3d, numpy and pillow, and `cargo build --release` first. Both read the same textured OBJ, the
 same cameras and photographs and write per view: blended JPEG (quality 95, 4:2:0), masked JPEG, PFM
 depth and cam. The script is what one writes in an afternoon: Open3D's RaycastingScene with one ray a
 pixel, bilinear texture in numpy, the paper's blend by numpy.fft in f64, pillow. It chooses no source
-views. Ours runs as a whole (hashes, source views, lists, scene.json included) at 1, 4 and 16 colour
-samples a pixel. CPU seconds of the child process; seconds per image are of the whole job.
+views, and Open3D and numpy have one thread as we do. Ours runs as a whole (hashes, source views, lists, scene.json included) at 1, 4 and 16 colour
+samples a pixel. CPU seconds of the child process, the median of the repeats; seconds per image are of
+the whole job. Photographs and texture have two contents: `noise` is smooth colour with noise in every
+pixel, with which JPEG has more work than with pictures; `natural` falls off with 1/f like those.
 With --throughput ours alone runs, at the default 16 samples and with one and two threads. --work keeps
 the made-up scenes in a folder for the next run.
 """
@@ -29,10 +32,38 @@ ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 BINARY = os.environ.get("MVS_EVAL", os.path.join(ROOT, "target", "release", "mvs-eval"))
 
 
-def terrain(folder, triangles, views):
-    """A hilly square of `triangles` with a 4096² texture, cameras above it, photographs of noise."""
+def noisy(random, width, height):
+    """Smooth colours and noise in every pixel."""
     import numpy as np
     from PIL import Image
+
+    coarse = random.integers(40, 216, (height // 32, width // 32, 3), np.uint8)
+    large = np.asarray(Image.fromarray(coarse).resize((width, height), Image.BICUBIC)).astype(np.int16)
+    noise = random.integers(-12, 13, (height, width, 1))
+    return Image.fromarray(np.clip(large + noise, 0, 255).astype(np.uint8))
+
+
+def natural(random, width, height):
+    """Amplitudes that fall off with 1/f as pictures' do, more in brightness than in colour."""
+    import numpy as np
+    from PIL import Image
+
+    u, v = np.fft.rfftfreq(width) * width, np.fft.fftfreq(height) * height
+    amplitude = 1 / np.maximum(np.hypot(u[None, :], v[:, None]), 1)
+
+    def plane(deviation):
+        phase = np.exp(2j * np.pi * random.random(amplitude.shape))
+        values = np.fft.irfft2(amplitude * phase, s=(height, width))
+        return values * (deviation / values.std())
+
+    brightness = 118 + plane(45)
+    channels = [np.clip(np.rint(brightness + plane(12)), 0, 255) for _ in range(3)]
+    return Image.fromarray(np.stack(channels, -1).astype(np.uint8))
+
+
+def terrain(folder, triangles, views, content):
+    """A hilly square of `triangles` with a 4096² texture, cameras above it, photographs of noise."""
+    import numpy as np
 
     side = int(round((triangles / 2) ** 0.5))
     t = np.linspace(-1, 1, side + 1)
@@ -51,10 +82,7 @@ def terrain(folder, triangles, views):
     random = np.random.default_rng(1)
 
     def picture(width, height):
-        coarse = random.integers(40, 216, (height // 32, width // 32, 3), np.uint8)
-        large = np.asarray(Image.fromarray(coarse).resize((width, height), Image.BICUBIC)).astype(np.int16)
-        noise = random.integers(-12, 13, (height, width, 1))
-        return Image.fromarray(np.clip(large + noise, 0, 255).astype(np.uint8))
+        return {"noise": noisy, "natural": natural}[content](random, width, height)
 
     picture(4096, 4096).save(os.path.join(folder, "ground.jpg"), quality=95)
     os.makedirs(os.path.join(folder, "photos"))
@@ -88,7 +116,7 @@ def straightforward(folder, out):
     model = o3d.io.read_triangle_mesh(os.path.join(folder, "mesh.obj"))
     texture = np.asarray(Image.open(os.path.join(folder, "ground.jpg"))).astype(np.float32)
     corners = np.asarray(model.triangle_uvs).reshape(-1, 3, 2)
-    scene = o3d.t.geometry.RaycastingScene()
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(model))
     camera = json.load(open(os.path.join(folder, "transforms.json")))
     intrinsic = np.array([[camera["fl_x"], 0, camera["cx"]], [0, camera["fl_y"], camera["cy"]], [0, 0, 1]])
@@ -97,7 +125,7 @@ def straightforward(folder, out):
     for index, frame in enumerate(camera["frames"]):
         extrinsic = np.linalg.inv(np.array(frame["transform_matrix"]) @ np.diag([1.0, -1, -1, 1]))
         rays = scene.create_rays_pinhole(intrinsic, extrinsic, WIDTH, HEIGHT)
-        hits = scene.cast_rays(rays)
+        hits = scene.cast_rays(rays, nthreads=1)
         t, face = hits["t_hit"].numpy(), hits["primitive_ids"].numpy()
         mask = np.isfinite(t)
         depth = np.where(mask, t, 0).astype(np.float32)  # directions have z = 1 in the camera
@@ -146,16 +174,16 @@ def ours(folder, out, samples, threads):
             out, "--name", "terrain", "--samples", str(samples), "--threads", str(threads)]
 
 
-def scene(work, triangles, views):
+def scene(work, triangles, views, content):
     """The folder of a made-up scene, made if it is not there."""
-    folder = os.path.join(work, f"terrain-{triangles}-{views}")
+    folder = os.path.join(work, f"terrain-{triangles}-{views}-{content}")
     if os.path.exists(os.path.join(folder, "transforms.json")):
         return folder
     os.makedirs(folder, exist_ok=True)
     # In a child: its memory and time are not the measured ones'.
     pid = os.fork()
     if pid == 0:
-        terrain(folder, triangles, views)
+        terrain(folder, triangles, views, content)
         os._exit(0)
     assert os.waitpid(pid, 0)[1] == 0
     return folder
@@ -175,7 +203,7 @@ def medians(command, threads, repeats):
 def throughput(args):
     table = [("triangles", "threads", "images_per_s", "cpu_s_per_image")]
     for triangles in args.triangles:
-        folder = scene(args.work, triangles, args.views)
+        folder = scene(args.work, triangles, args.views, args.content[0])
         for threads in args.threads:
             cpu, wall = medians(lambda out: ours(folder, out, 16, threads), threads, args.repeats)
             table.append((triangles, threads, f"{args.views / wall:.3f}", f"{cpu / args.views:.3f}"))
@@ -184,10 +212,10 @@ def throughput(args):
 
 
 def comparison(args):
-    table = [("triangles", "method", "threads", "cpu_s_per_image", "wall_s_per_image",
+    table = [("triangles", "content", "method", "threads", "cpu_s_per_image", "wall_s_per_image",
               "times_script_cpu")]
-    for triangles in args.triangles:
-        folder = scene(args.work, triangles, args.views)
+    for triangles, content in [(t, c) for t in args.triangles for c in args.content]:
+        folder = scene(args.work, triangles, args.views, content)
         runs = [("script", 1, lambda out: [sys.executable, os.path.abspath(__file__),
                                            "--straightforward", folder, out])]
         for samples in (1, 4, 16):
@@ -198,10 +226,10 @@ def comparison(args):
         for name, threads, command in runs:
             cpu, wall = medians(command, threads, args.repeats)
             script = script or cpu
-            row = (triangles, name, threads, f"{cpu / args.views:.3f}", f"{wall / args.views:.3f}",
+            row = (triangles, content, name, threads, f"{cpu / args.views:.3f}", f"{wall / args.views:.3f}",
                    f"{script / cpu:.2f}")
             table.append(row)
-            print("{:>9} {:22} {:>2} threads {:>8} CPU s/image {:>8} s/image {:>7} x".format(*row), flush=True)
+            print("{:>9} {:8} {:22} {:>2} threads {:>8} CPU s/image {:>8} s/image {:>7} x".format(*row), flush=True)
     return table
 
 
@@ -211,7 +239,8 @@ def main():
     parser.add_argument("--triangles", type=int, nargs="+")
     parser.add_argument("--views", type=int, default=4)
     parser.add_argument("--threads", type=int, nargs="+")
-    parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--content", nargs="+", choices=["noise", "natural"], default=["noise", "natural"])
     parser.add_argument("--work")
     parser.add_argument("--csv")
     parser.add_argument("--straightforward", nargs=2)

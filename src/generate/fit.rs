@@ -71,11 +71,11 @@ impl Fit {
 
     /// The photograph, of whatever size, fitted, and the number of pixels that it does not cover,
     /// where its border is repeated. Its shape must be that of the camera it was fitted for to 1 %.
-    pub fn image(&self, photograph: &ColorImage) -> Result<(ColorImage, usize)> {
+    pub fn image(&self, photograph: ColorImage) -> Result<(ColorImage, usize)> {
         let size = (self.camera.width(), self.camera.height());
         let bent = self.lens.is_some();
         if photograph.size() == self.resized && self.resized == size && !bent {
-            return Ok((photograph.clone(), 0));
+            return Ok((photograph, 0));
         }
         let shape = |(width, height): (u32, u32)| f64::from(width) / f64::from(height);
         let stretch = shape(photograph.size()) / shape(self.resized);
@@ -88,9 +88,9 @@ impl Fit {
             return Err(Error::invalid("photograph", problem));
         }
         if let Some(lens) = &self.lens {
-            return undistort::undistorted(photograph, lens, &self.camera);
+            return undistort::undistorted(&photograph, lens, &self.camera);
         }
-        let resized = resample::resized(photograph, self.resized)?;
+        let resized = resample::resized(&photograph, self.resized)?;
         Ok((resample::cropped(&resized, self.offset, size)?, 0))
     }
 }
@@ -131,7 +131,7 @@ mod tests {
                 photograph.set(column, row, [200; 3]);
             }
         }
-        let (image, _) = fit.image(&photograph).unwrap();
+        let (image, _) = fit.image(photograph).unwrap();
         assert_eq!(image.size(), (90, 80));
         let (mut sum, mut at) = (0.0, DVec2::ZERO);
         for row in 0..80 {
@@ -150,16 +150,14 @@ mod tests {
         let fit = Fit::new(&camera, None).unwrap();
         assert_eq!(fit.camera(), &camera);
         let photograph = ColorImage::filled(30, 20, [7; 3]).unwrap();
-        assert_eq!(fit.image(&photograph).unwrap(), (photograph.clone(), 0));
-        let larger = ColorImage::filled(60, 40, [7; 3]).unwrap();
-        assert_eq!(fit.image(&larger).unwrap().0, photograph);
-        let tall = ColorImage::filled(20, 30, [7; 3]).unwrap();
-        assert!(
-            fit.image(&tall)
-                .unwrap_err()
-                .to_string()
-                .contains("20 x 30")
+        assert_eq!(
+            fit.image(photograph.clone()).unwrap(),
+            (photograph.clone(), 0)
         );
+        let larger = ColorImage::filled(60, 40, [7; 3]).unwrap();
+        assert_eq!(fit.image(larger).unwrap().0, photograph);
+        let tall = ColorImage::filled(20, 30, [7; 3]).unwrap();
+        assert!(fit.image(tall).unwrap_err().to_string().contains("20 x 30"));
         assert!(Fit::new(&camera, Some((0, 3))).is_err());
     }
 }

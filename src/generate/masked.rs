@@ -5,110 +5,54 @@
 //! shows, the image is encoded with full chroma and, if need be, better.
 
 use crate::error::{Error, Result};
-use mvs_datasets::format::image::{self, JpegOptions};
+use mvs_datasets::format::jpeg::{self, JpegOptions};
 use mvs_datasets::scene::{ColorImage, Mask};
 
 /// The brightest that the background may come back as: readers' 10, less what decoders differ by.
 const DARK: u8 = 8;
 
-/// The bytes of a JPEG of `masked`, encoded by `options` if its background comes back dark, else
-/// with full chroma and the least quality above that does. Both of one size. Not to be asked where
-/// the mask leaves nothing out: the image itself is the masked one.
-pub(super) fn encode(masked: &ColorImage, mask: &Mask, options: JpegOptions) -> Result<Vec<u8>> {
+/// The bytes of a JPEG of what the mask leaves of `blended`, encoded by `options` if its background
+/// comes back dark, else with full chroma and the least quality above that does. Both of one size. Not
+/// to be asked where the mask leaves nothing out: the image itself is the masked one.
+pub(super) fn encode(blended: &ColorImage, mask: &Mask, options: JpegOptions) -> Result<Vec<u8>> {
     let full_chroma = |quality: u8| JpegOptions {
         quality: quality.max(options.quality),
         subsample_chroma: false,
     };
-    let sample = Bands::of(masked, mask)?;
     for attempt in [options, full_chroma(options.quality), full_chroma(98)] {
-        if let Some(sample) = &sample
-            && !sample.come_back_dark(attempt)?
-        {
-            continue;
-        }
-        let bytes = jpeg(masked, attempt)?;
-        if brightest_outside(&read(&bytes)?, mask) <= DARK {
-            return Ok(bytes);
+        if jpeg::stays_dark(blended, mask, attempt, DARK).map_err(refused)? {
+            return jpeg::encode(blended, Some(mask), attempt).map_err(refused);
         }
     }
-    jpeg(masked, full_chroma(100))
-}
-
-/// Rows of the image in a row of JPEG's largest blocks.
-const BLOCK: u32 = 16;
-/// Rows of blocks that are tried.
-const BANDS: usize = 8;
-
-/// Some of the rows of blocks in which the mask has an edge, each between its neighbours, one above the
-/// other. What they come back as is what they come back as in the whole image: blocks are encoded one
-/// by one, and decoders mix the colours of adjacent blocks at most. So an encoding that is too bright
-/// here need not be tried on the whole image.
-struct Bands {
-    image: ColorImage,
-    mask: Mask,
-}
-
-impl Bands {
-    /// `None` where there are no such rows, or so many of all that nothing is saved.
-    fn of(masked: &ColorImage, mask: &Mask) -> Result<Option<Self>> {
-        let (width, height) = mask.size();
-        let pixels = |first: u32, last: u32| (first * width) as usize..(last * width) as usize;
-        let has_edge = |&row: &u32| {
-            let row = &mask.values()[pixels(BLOCK * row, BLOCK * (row + 1))];
-            row.contains(&true) && row.contains(&false)
-        };
-        let rows: Vec<u32> = (1..(height / BLOCK).saturating_sub(1))
-            .filter(has_edge)
-            .collect();
-        if rows.len() < 4 * BANDS {
-            return Ok(None);
-        }
-        let chosen = (0..BANDS).map(|band| rows[band * rows.len() / BANDS]);
-        let (mut colors, mut outside) = (Vec::new(), Vec::new());
-        for row in chosen {
-            let around = pixels(BLOCK * (row - 1), BLOCK * (row + 2));
-            colors.extend_from_slice(&masked.values()[around]);
-            let band = &mask.values()[pixels(BLOCK * row, BLOCK * (row + 1))];
-            let neighbour = vec![true; band.len()]; // Not looked at.
-            outside.extend([&neighbour[..], band, &neighbour].concat());
-        }
-        let height = 3 * BLOCK * BANDS as u32;
-        Ok(Some(Self {
-            image: ColorImage::from_values(width, height, colors)?,
-            mask: Mask::from_values(width, height, outside)?,
-        }))
-    }
-
-    fn come_back_dark(&self, options: JpegOptions) -> Result<bool> {
-        let bytes = jpeg(&self.image, options)?;
-        Ok(brightest_outside(&read(&bytes)?, &self.mask) <= DARK)
-    }
-}
-
-fn read(bytes: &[u8]) -> Result<ColorImage> {
-    image::read_color(bytes).map_err(|error| Error::invalid("masked image", error.to_string()))
+    jpeg::encode(blended, Some(mask), full_chroma(100)).map_err(refused)
 }
 
 /// The bytes of a JPEG of `image`.
 pub(super) fn jpeg(image: &ColorImage, options: JpegOptions) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    image::write_jpeg(&mut bytes, image, options)
-        .map_err(|error| Error::invalid("image to encode", error.to_string()))?;
-    Ok(bytes)
+    jpeg::encode(image, None, options).map_err(refused)
 }
 
-/// The largest value of any channel outside the mask; 0 where there is no outside.
-fn brightest_outside(image: &ColorImage, mask: &Mask) -> u8 {
-    let pixels = image.values().iter().zip(mask.values());
-    let outside = pixels.filter(|(_, inside)| !**inside);
-    outside.flat_map(|(pixel, _)| *pixel).max().unwrap_or(0)
+fn refused(error: std::io::Error) -> Error {
+    Error::invalid("image to encode", error.to_string())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::blend;
+    use mvs_datasets::format::image;
     use mvs_datasets::scene::Raster;
+
+    fn read(bytes: &[u8]) -> ColorImage {
+        image::read_color(bytes).unwrap()
+    }
+
+    /// The largest value of any channel outside the mask; 0 where there is no outside.
+    fn brightest_outside(image: &ColorImage, mask: &Mask) -> u8 {
+        let pixels = image.values().iter().zip(mask.values());
+        let outside = pixels.filter(|(_, inside)| !**inside);
+        outside.flat_map(|(pixel, _)| *pixel).max().unwrap_or(0)
+    }
 
     #[test]
     fn a_saturated_edge_needs_full_chroma_and_stays_dark() {
@@ -117,14 +61,13 @@ mod tests {
         let mask = Raster::from_values(width, height, values.collect()).unwrap();
         let image = |color| blend::masked(&Raster::filled(width, height, color).unwrap(), &mask);
         let red = image([250, 20, 20]).unwrap();
-        let plain = image::read_color(&jpeg(&red, JpegOptions::default()).unwrap()).unwrap();
+        let plain = read(&jpeg(&red, JpegOptions::default()).unwrap());
         assert!(
             brightest_outside(&plain, &mask) > 10,
             "the plain JPEG would do"
         );
         let bytes = encode(&red, &mask, JpegOptions::default()).unwrap();
-        let read = image::read_color(&bytes).unwrap();
-        assert!(brightest_outside(&read, &mask) <= DARK);
+        assert!(brightest_outside(&read(&bytes), &mask) <= DARK);
         let black = image([0; 3]).unwrap();
         let plain = jpeg(&black, JpegOptions::default()).unwrap();
         assert_eq!(
@@ -141,13 +84,13 @@ mod tests {
         };
         let attempts = [JpegOptions::default(), full_chroma(95), full_chroma(98)];
         let tried = attempts.map(|attempt| jpeg(masked, attempt).unwrap());
-        let dark = |bytes: &&Vec<u8>| brightest_outside(&read(bytes).unwrap(), mask) <= DARK;
+        let dark = |bytes: &&Vec<u8>| brightest_outside(&read(bytes), mask) <= DARK;
         let found = tried.iter().find(dark).cloned();
         found.unwrap_or_else(|| jpeg(masked, full_chroma(100)).unwrap())
     }
 
     #[test]
-    fn a_few_rows_tell_what_the_whole_image_would() {
+    fn the_edge_tells_what_the_whole_image_would() {
         let (width, height) = (100, 800);
         let mut seen = Vec::new();
         for (seed, contrast) in [(1u32, 250), (2, 120), (3, 40), (4, 14), (5, 90)] {
@@ -159,8 +102,7 @@ mod tests {
                 (0..width * height).map(|i| [level(i, 0), level(i, 1) / 2, level(i, 5) / 9]);
             let image = ColorImage::from_values(width, height, colors.collect()).unwrap();
             let masked = blend::masked(&image, &mask).unwrap();
-            assert!(Bands::of(&masked, &mask).unwrap().is_some());
-            let found = encode(&masked, &mask, JpegOptions::default()).unwrap();
+            let found = encode(&image, &mask, JpegOptions::default()).unwrap();
             assert!(found == obvious(&masked, &mask), "{seed}");
             seen.push(found == jpeg(&masked, JpegOptions::default()).unwrap());
         }

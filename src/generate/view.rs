@@ -87,7 +87,7 @@ impl ViewWork<'_> {
         let photograph = self.source.photographs.photograph(given, &rendering)?;
         let named = |error| Error::invalid(format!("view {}", given.id), format!("{error}"));
         let fit = Fit::undistorting(&given.camera, self.options.size)?;
-        let (photograph, beyond) = fit.image(&photograph).map_err(named)?;
+        let (photograph, beyond) = fit.image(photograph).map_err(named)?;
         let mask = rendering.depth.valid_mask();
         let blended = match self.blenders.get(&mask.size()) {
             Some(blender) => blender.blend(&rendering.color, &photograph, &mask)?,
@@ -247,7 +247,7 @@ fn write_images(folder: &BlendedFolder, id: u32, images: &Images, jpeg: JpegOpti
     let bytes = masked::jpeg(blended, jpeg)?;
     files::write_atomically(&folder.image(id), |out| out.write_all(&bytes))?;
     let masked = if mask.values().contains(&false) {
-        masked::encode(&blend::masked(blended, mask)?, mask, jpeg)?
+        masked::encode(blended, mask, jpeg)?
     } else {
         bytes
     };

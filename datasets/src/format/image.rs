@@ -1,44 +1,38 @@
 //! JPEG and PNG. Values are 8-bit sRGB, kept as they are; EXIF orientation is not applied.
 
+use super::jpeg;
+pub use super::jpeg::JpegOptions;
 use crate::error::FormatError;
 use crate::scene::{ColorImage, Mask, Raster};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{
-    DynamicImage, ExtendedColorType, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
+    ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError,
+    ImageFormat, ImageReader, Limits,
 };
-use jpeg_encoder::{ChromaSubsamplingMethod, ColorType, Encoder, SamplingFactor};
-use std::io::{Cursor, Error, ErrorKind, Write};
+use std::io::{Cursor, Error, Write};
 
 /// No image has more pixels: 23,170 squared.
 const MOST_PIXELS: u64 = 1 << 29;
 /// Deflate shrinks at most 1032-fold and a pixel takes at least one bit; JPEG stays below that.
 const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
-/// How a JPEG is encoded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct JpegOptions {
-    /// 1 to 100.
-    pub quality: u8,
-    /// Chroma at half resolution (4:2:0) rather than full (4:4:4).
-    pub subsample_chroma: bool,
-}
-
-impl Default for JpegOptions {
-    /// Quality 95, 4:2:0: what BlendedMVS has.
-    fn default() -> Self {
-        Self {
-            quality: 95,
-            subsample_chroma: true,
-        }
-    }
-}
-
 /// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread, 16 bits
 /// become 8.
 pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
-    let rgb = decode(bytes)?.into_rgb8();
-    let (width, height) = rgb.dimensions();
-    let values = rgb.into_raw().as_chunks::<3>().0.to_vec();
+    let decoder = decoder(bytes)?;
+    let (width, height) = decoder.dimensions();
+    let values = match decoder.color_type() {
+        ColorType::Rgb8 => {
+            let mut values = vec![[0; 3]; width as usize * height as usize];
+            let read = decoder.read_image(values.as_flattened_mut());
+            read.map_err(undecodable)?;
+            values
+        }
+        _ => {
+            let image = DynamicImage::from_decoder(decoder).map_err(undecodable)?;
+            image.into_rgb8().into_raw().as_chunks::<3>().0.to_vec()
+        }
+    };
     Raster::from_values(width, height, values).map_err(FormatError::at("image"))
 }
 
@@ -71,6 +65,11 @@ pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
 
 /// Decodes after checking that the stated size is possible for so few bytes.
 fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
+    DynamicImage::from_decoder(decoder(bytes)?).map_err(undecodable)
+}
+
+/// What decodes, if the stated size is possible for so few bytes.
+fn decoder(bytes: &[u8]) -> Result<impl ImageDecoder, FormatError> {
     let (width, height) = read_size(bytes)?;
     let pixels = u64::from(width) * u64::from(height);
     let most = MOST_PIXELS.min(MOST_PIXELS_PER_BYTE * bytes.len() as u64);
@@ -85,7 +84,7 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
     let mut limits = Limits::default();
     limits.max_alloc = Some(8 * pixels + (1 << 26));
     reader.limits(limits);
-    reader.decode().map_err(undecodable)
+    reader.into_decoder().map_err(undecodable)
 }
 
 fn format_of(bytes: &[u8]) -> Result<ImageFormat, FormatError> {
@@ -148,28 +147,7 @@ pub fn write_jpeg(
     image: &ColorImage,
     options: JpegOptions,
 ) -> std::io::Result<()> {
-    let (Ok(width), Ok(height)) = (u16::try_from(image.width()), u16::try_from(image.height()))
-    else {
-        let problem = format!(
-            "a JPEG has at most 65535 pixels a side, not {} x {}",
-            image.width(),
-            image.height()
-        );
-        return Err(Error::new(ErrorKind::InvalidInput, problem));
-    };
-    let mut encoder = Encoder::new(out, options.quality.clamp(1, 100));
-    encoder.set_chroma_subsampling_method(ChromaSubsamplingMethod::Average);
-    encoder.set_sampling_factor(if options.subsample_chroma {
-        SamplingFactor::F_2_2
-    } else {
-        SamplingFactor::F_1_1
-    });
-    encoder
-        .encode(image.values().as_flattened(), width, height, ColorType::Rgb)
-        .map_err(|error| match error {
-            jpeg_encoder::EncodingError::IoError(error) => error,
-            other => Error::other(other),
-        })
+    out.write_all(&jpeg::encode(image, None, options)?)
 }
 
 #[cfg(test)]

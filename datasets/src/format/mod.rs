@@ -9,6 +9,7 @@ pub mod colmap;
 pub mod crop;
 pub mod gltf;
 pub mod image;
+pub mod jpeg;
 pub mod log;
 pub mod mtl;
 pub mod npy;

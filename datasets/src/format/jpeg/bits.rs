@@ -1,0 +1,153 @@
+//! Huffman coding of quantised coefficients.
+
+use super::tables::{self, HUFFMAN_TABLES};
+use super::transform::Coefficients;
+
+/// Codes of the coefficients of a component.
+pub(super) struct Codes {
+    dc: [u32; 256],
+    /// By zeros before the coefficient × 16 + its size in bits.
+    ac: [u32; 256],
+}
+
+/// A code and its length in the lowest eight bits.
+fn packed(codes: [(u16, u8); 256]) -> [u32; 256] {
+    codes.map(|(code, length)| u32::from(code) << 8 | u32::from(length))
+}
+
+/// The codes of luma and chroma.
+pub(super) fn standard_codes() -> [Codes; 2] {
+    let [luma_dc, luma_ac, chroma_dc, chroma_ac] = HUFFMAN_TABLES
+        .each_ref()
+        .map(|table| packed(tables::codes(table)));
+    [
+        Codes {
+            dc: luma_dc,
+            ac: luma_ac,
+        },
+        Codes {
+            dc: chroma_dc,
+            ac: chroma_ac,
+        },
+    ]
+}
+
+/// No zeros before, sixteen of them.
+const SIXTEEN_ZEROS: usize = 0xf0;
+
+/// Bits as a file has them: from the highest of each byte on, and no 0xff without a zero byte behind.
+pub(super) struct Bits {
+    bytes: Vec<u8>,
+    /// What is not in `bytes` yet, in the lowest bits.
+    word: u64,
+    /// How many of its bits are free.
+    free: u32,
+}
+
+impl Bits {
+    /// Bits behind bytes that are there.
+    pub(super) fn after(bytes: Vec<u8>) -> Self {
+        Self {
+            bytes,
+            word: 0,
+            free: 64,
+        }
+    }
+
+    /// Appends the lowest `length` bits of `bits`, at most 32; all others are zero.
+    #[inline(always)]
+    fn put(&mut self, bits: u64, length: u32) {
+        if length <= self.free {
+            self.word = self.word << length | bits;
+            self.free -= length;
+        } else {
+            let left = length - self.free;
+            let word = self.word << self.free | bits >> left;
+            self.put_word(word);
+            // The bits that are written already are shifted out before the word is.
+            self.word = bits;
+            self.free = 64 - left;
+        }
+    }
+
+    #[inline(always)]
+    fn put_word(&mut self, word: u64) {
+        const LOWEST: u64 = 0x0101_0101_0101_0101;
+        let full_bytes = word & !word.wrapping_add(LOWEST) & (LOWEST << 7);
+        if full_bytes == 0 {
+            self.bytes.extend_from_slice(&word.to_be_bytes());
+        } else {
+            self.put_bytes(&word.to_be_bytes());
+        }
+    }
+
+    #[cold]
+    fn put_bytes(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.bytes.push(byte);
+            if byte == 0xff {
+                self.bytes.push(0);
+            }
+        }
+    }
+
+    /// A value of a coefficient's size behind the code of a symbol.
+    #[inline(always)]
+    fn put_value(&mut self, code: u32, value: i32, size: u32) {
+        let low = (value + (value >> 31)) as u32 & ((1 << size) - 1);
+        let bits = u64::from(code >> 8) << size | u64::from(low);
+        self.put(bits, (code & 0xff) + size);
+    }
+
+    /// Appends a block; `before` is the first coefficient of the component's block before.
+    #[inline(always)]
+    pub(super) fn put_block(
+        &mut self,
+        coded: &Coefficients,
+        block: usize,
+        codes: &Codes,
+        before: &mut i16,
+    ) {
+        let first = coded.values[0][block];
+        let step = i32::from(first) - i32::from(*before);
+        *before = first;
+        let size = size_of(step);
+        self.put_value(codes.dc[size as usize], step, size);
+        let (mut rest, mut last) = (coded.nonzero[block] & !1, 0);
+        while rest != 0 {
+            let place = rest.trailing_zeros();
+            rest &= rest - 1;
+            let mut zeros = place - last - 1;
+            last = place;
+            while zeros > 15 {
+                let code = codes.ac[SIXTEEN_ZEROS];
+                self.put(u64::from(code >> 8), code & 0xff);
+                zeros -= 16;
+            }
+            let value = i32::from(coded.values[place as usize & 63][block]);
+            let size = size_of(value);
+            self.put_value(codes.ac[(zeros << 4 | size) as usize & 0xff], value, size);
+        }
+        if last < 63 {
+            self.put(u64::from(codes.ac[0] >> 8), codes.ac[0] & 0xff);
+        }
+    }
+
+    /// The bytes, the last filled with ones.
+    pub(super) fn finish(mut self) -> Vec<u8> {
+        let missing = self.free % 8;
+        self.put((1 << missing) - 1, missing);
+        let used = (64 - self.free) as usize / 8;
+        if used > 0 {
+            let word = (self.word << self.free).to_be_bytes();
+            self.put_bytes(&word[..used]);
+        }
+        self.bytes
+    }
+}
+
+/// Bits of a value's size.
+#[inline(always)]
+fn size_of(value: i32) -> u32 {
+    32 - value.unsigned_abs().leading_zeros()
+}
