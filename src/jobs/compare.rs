@@ -22,8 +22,8 @@ pub struct CompareJob {
 
 /// Compares the F-scores.
 pub fn run(job: &CompareJob, _context: &Context<'_>) -> Result<Comparison> {
-    let before = report::read_all(std::slice::from_ref(&job.before))?.1;
-    let after = report::read_all(std::slice::from_ref(&job.after))?.1;
+    let before = report::read_all(std::slice::from_ref(&job.before), None)?.1;
+    let after = report::read_all(std::slice::from_ref(&job.after), None)?.1;
     let standard = CompareOptions::default();
     let options = CompareOptions {
         tolerance: job.tolerance.unwrap_or(standard.tolerance),

@@ -24,6 +24,7 @@ impl OutDir {
     /// Makes the folder for the result of `run`, or takes an existing one that has no result yet,
     /// that an interrupted run of the same options and inputs left behind, or, with `force`, any.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
+        check_given(path)?;
         fs::create_dir_all(path).map_err(mvs_datasets::Error::io(path, "create the folder"))?;
         let out = Self {
             path: path.to_path_buf(),
@@ -116,6 +117,7 @@ pub(super) fn remove_if_there(path: &Path) -> Result<()> {
 /// Checks that a result file may be written: it is not there, or may be replaced, and its folder can
 /// be made.
 pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
+    check_given(path)?;
     if path.is_dir() {
         return Err(Error::invalid(
             path.display().to_string(),
@@ -130,6 +132,13 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
         .filter(|parent| !parent.as_os_str().is_empty());
     let parent = parent.unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(mvs_datasets::Error::io(parent, "create the folder"))?;
+    Ok(())
+}
+
+fn check_given(path: &Path) -> Result<()> {
+    if path.as_os_str().is_empty() {
+        return Err(Error::invalid("--out", "needed: where to write, not given"));
+    }
     Ok(())
 }
 

@@ -12,6 +12,7 @@ use crate::report::table::Table;
 use crate::report::{table_csv, table_md, table_tex};
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -37,7 +38,7 @@ pub struct ReportJob {
 pub struct ReportOutcome {
     /// Files of records that were read.
     pub files: Vec<PathBuf>,
-    /// Rows in them.
+    /// Different rows in them.
     pub records: usize,
     /// The leaderboards, in the site's style.
     pub tables: Vec<Table>,
@@ -46,7 +47,7 @@ pub struct ReportOutcome {
 /// Joins the records and writes `results.csv`, the leaderboards and the page `index.html`, which also
 /// shows the curves, errors and clouds of the score folders that the records lie in.
 pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
-    let (files, records) = read_all(&job.records)?;
+    let (files, records) = read_all(&job.records, Some(&job.out))?;
     let boards = leaderboard::boards(&records)?;
     let mut inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     inputs.extend(job.pictures.iter().map(PathBuf::as_path));
@@ -54,7 +55,7 @@ pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     out.write("results.csv", |file| record::write(file, &records))?;
     let tables = write_tables(&out, &boards)?;
     context.progress.begin("page", 1);
-    let (page, still) = page::of(job, &files, &tables)?;
+    let (page, still) = page::of(job, &files, &tables, context)?;
     out.write("index.html", |file| file.write_all(page.as_bytes()))?;
     if let Some(png) = still {
         out.write("errors.png", |file| file.write_all(&png))?;
@@ -79,12 +80,22 @@ fn write_tables(out: &OutDir, boards: &[Board]) -> Result<Vec<Table>> {
     Ok(site)
 }
 
-/// The files of records at `paths`, and all their rows, of which there is at least one.
-pub(super) fn read_all(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<Record>)> {
-    let found = find_records(paths)?;
+/// The files of records at `paths`, and all their rows, of which there is at least one. A row that
+/// stands in several files, as those of a batch do, is there once. Folders are not searched in `out`.
+pub(super) fn read_all(
+    paths: &[PathBuf],
+    out: Option<&Path>,
+) -> Result<(Vec<PathBuf>, Vec<Record>)> {
+    let found = find_records(paths, out)?;
     let mut records = Vec::new();
+    let mut seen = BTreeSet::new();
     for path in &found {
-        records.extend(files::read_with(path, |bytes| record::read(bytes))?);
+        let rows = files::read_with(path, |bytes| record::read(bytes))?;
+        // Equal numbers print alike, different ones do not.
+        records.extend(
+            rows.into_iter()
+                .filter(|row| seen.insert(format!("{row:?}"))),
+        );
     }
     if records.is_empty() {
         let problem = "expected rows of records in the given files, found none";
@@ -98,13 +109,15 @@ pub fn check_table(path: &Path) -> Result<Checked> {
     Ok(files::read_with(path, |bytes| check::check(bytes))?)
 }
 
-/// The given files, and the files of records in the given folders, by name.
-fn find_records(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+/// The given files, and the files of records in the given folders but not in `out`, by name.
+fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
+    // What is not there yet cannot be found in.
+    let out = out.and_then(|out| out.canonicalize().ok());
     for path in paths {
         if path.is_dir() {
             let before = found.len();
-            search(path, &mut found)?;
+            search(path, out.as_deref(), &mut found)?;
             if found.len() == before {
                 let problem = format!("expected {} in it, found none", RECORD_FILES.join(" or "));
                 return Err(Error::invalid(path.display().to_string(), problem));
@@ -120,10 +133,13 @@ fn find_records(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-fn search(folder: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
+fn search(folder: &Path, out: Option<&Path>, found: &mut Vec<PathBuf>) -> Result<()> {
+    if out.is_some() && folder.canonicalize().ok().as_deref() == out {
+        return Ok(());
+    }
     for path in provenance::sorted_entries(folder)? {
         if path.is_dir() && !path.is_symlink() {
-            search(&path, found)?;
+            search(&path, out, found)?;
         } else if RECORD_FILES.iter().any(|name| path.ends_with(name)) {
             found.push(path);
         }

@@ -1,6 +1,7 @@
 //! Recomputes what a published table derives: F-scores from precision and recall, averages from
 //! scenes. A number is a slip when no unrounded values that print as the table's could give it.
 
+use super::table::SUSPECT;
 use mvs_datasets::FormatError;
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -57,12 +58,39 @@ pub struct Checked {
 
 const F_SCORE: &str = "F-score";
 
-type Rows = BTreeMap<(usize, String), BTreeMap<String, Vec<Option<Printed>>>>;
+/// Columns that derive from ranks, not from the row.
+const RANKS: [&str; 2] = ["rank", "mean rank"];
 
-/// Checks a table in the papers' form, as CSV: columns `method` and `metric`, then one per scene,
-/// then if present `Average`. Columns before `method` are passed over, lines that begin with `#`
-/// too. Empty cells and dashes are missing. Fractions and percents are told apart by whether any
-/// number is above 1.
+/// Rows of one method: metric → its values by column.
+type Metrics = BTreeMap<String, Vec<Cell>>;
+
+/// A table in a file: what stands before its methods, and its methods in order.
+type Board = (String, Vec<(String, Metrics)>);
+
+/// A cell of a row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Cell {
+    /// Nothing: where the board's whole column is so, it is a column of another board.
+    Blank,
+    /// A dash, or a blank in a column that the board has.
+    Missing,
+    Printed(Printed),
+}
+
+impl Cell {
+    fn printed(self) -> Option<Printed> {
+        match self {
+            Self::Printed(printed) => Some(printed),
+            Self::Blank | Self::Missing => None,
+        }
+    }
+}
+
+/// Checks a table in the papers' or the site's form, as CSV: columns `method` and `metric` in any
+/// order, then one per scene and if present `Average` (or `mean`). Columns before `method` tell
+/// tables apart that share a file; `rank` and `mean rank` and lines that begin with `#` are passed
+/// over. Empty cells and dashes are missing, a † after a number too is. A number keeps its scale, so
+/// that fractions and percents are checked alike.
 pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     let mut reader = csv::ReaderBuilder::new()
         .comment(Some(b'#'))
@@ -79,35 +107,63 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     };
     let (method, metric) = (place("method")?, place("metric")?);
     let first = method.max(metric) + 1;
-    let columns: Vec<&str> = header.iter().skip(first).collect();
-    let mut order: Vec<String> = Vec::new();
-    let mut rows = Rows::new();
+    let is_value = |&column: &usize| {
+        let mut ranks = RANKS.iter();
+        !ranks.any(|rank| header[column].eq_ignore_ascii_case(rank))
+    };
+    let values: Vec<usize> = (first..header.len()).filter(is_value).collect();
+    let columns: Vec<&str> = values.iter().map(|&column| &header[column]).collect();
+    let mut boards: Vec<Board> = Vec::new();
     for row in reader.records() {
         let row = row.map_err(broken)?;
         let line = row.position().map_or(0, csv::Position::line);
-        let name = row.get(method).unwrap_or_default().to_owned();
-        let number = order
+        let at = |problem| FormatError::new(format!("line {line}"), problem);
+        let before = (0..method).filter(|&column| column != metric);
+        let named = before.filter_map(|column| row.get(column));
+        let board: Vec<&str> = named.filter(|cell| !cell.is_empty()).collect();
+        let cells = values
             .iter()
-            .position(|known| *known == name)
-            .unwrap_or_else(|| {
-                order.push(name.clone());
-                order.len() - 1
-            });
-        let values: Vec<Option<Printed>> = row
-            .iter()
-            .skip(first)
-            .map(parsed)
-            .collect::<Result<_, String>>()
-            .map_err(|problem| FormatError::new(format!("line {line}"), problem))?;
-        let metric = metric_of(row.get(metric).unwrap_or_default(), line)?;
-        let of_method = rows.entry((number, name)).or_default();
-        if of_method.insert(metric.clone(), values).is_some() {
+            .map(|&column| parsed(row.get(column).unwrap_or_default()));
+        let cells = cells.collect::<Result<Vec<_>, String>>().map_err(at)?;
+        let metric = metric_of(&row[metric]).map_err(at)?;
+        let of_board = entry(&mut boards, &board.join(" "));
+        let of_method = entry(of_board, &row[method]);
+        if of_method.insert(metric.clone(), cells).is_some() {
             let problem =
                 format!("expected one row per method and metric, found a second {metric}");
-            return Err(FormatError::new(format!("line {line}"), problem));
+            return Err(at(problem));
         }
     }
-    Ok(checked(&columns, &rows))
+    boards.iter_mut().for_each(fill);
+    Ok(checked(&columns, &boards))
+}
+
+/// What belongs to `key`, new at the end where it is not there yet.
+fn entry<'a, T: Default>(list: &'a mut Vec<(String, T)>, key: &str) -> &'a mut T {
+    let place = list.iter().position(|(known, _)| known == key);
+    let place = place.unwrap_or_else(|| {
+        list.push((key.to_owned(), T::default()));
+        list.len() - 1
+    });
+    &mut list[place].1
+}
+
+/// Blanks are missing where the board has the column.
+fn fill((_, methods): &mut Board) {
+    let mut rows: Vec<&mut Vec<Cell>> = methods
+        .iter_mut()
+        .flat_map(|(_, metrics)| metrics.values_mut())
+        .collect();
+    let columns = rows.first().map_or(0, |row| row.len());
+    for column in 0..columns {
+        if rows.iter().any(|row| row[column] != Cell::Blank) {
+            for row in &mut rows {
+                if row[column] == Cell::Blank {
+                    row[column] = Cell::Missing;
+                }
+            }
+        }
+    }
 }
 
 fn is_average(column: &str) -> bool {
@@ -116,28 +172,31 @@ fn is_average(column: &str) -> bool {
         .any(|name| column.eq_ignore_ascii_case(name))
 }
 
-fn metric_of(name: &str, line: u64) -> Result<String, FormatError> {
-    let known = match name
-        .to_ascii_lowercase()
-        .replace(['-', '_', ' '], "")
-        .as_str()
-    {
+fn metric_of(name: &str) -> Result<String, String> {
+    let plain = name.to_ascii_lowercase().replace(['-', '_', ' '], "");
+    let known = match plain.as_str() {
         "precision" | "p" => "precision",
         "recall" | "r" => "recall",
         "fscore" | "f" | "f1" => F_SCORE,
+        "accuracy" | "completeness" | "overall" => plain.as_str(),
         _ => {
-            let problem = format!("expected the metric precision, recall or F-score, found {name}");
-            return Err(FormatError::new(format!("line {line}"), problem));
+            return Err(format!(
+                "expected the metric precision, recall, F-score, accuracy, completeness or overall, \
+                 found {name}"
+            ));
         }
     };
     Ok(known.to_owned())
 }
 
-/// A cell; `None` when it is empty or a dash.
-fn parsed(cell: &str) -> Result<Option<Printed>, String> {
+fn parsed(cell: &str) -> Result<Cell, String> {
     let text = cell.trim().trim_end_matches('%').trim_end();
-    if ["", "-", "–", "—"].contains(&text) {
-        return Ok(None);
+    if text.is_empty() {
+        return Ok(Cell::Blank);
+    }
+    // A value that does not count is as good as none.
+    if ["-", "–", "—"].contains(&text) || text.ends_with(SUSPECT) {
+        return Ok(Cell::Missing);
     }
     let value: f64 = text
         .parse()
@@ -145,63 +204,78 @@ fn parsed(cell: &str) -> Result<Option<Printed>, String> {
     if !value.is_finite() || value < 0.0 {
         return Err(format!("expected a number from 0 up, found {cell}"));
     }
-    let decimals = text.split_once('.').map_or(0, |(_, digits)| digits.len());
-    let half_unit = 0.5 * 0.1f64.powi(i32::try_from(decimals).unwrap_or(i32::MAX));
-    Ok(Some(Printed { value, half_unit }))
+    let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
+    let decimals = mantissa
+        .split_once('.')
+        .map_or(0, |(_, digits)| digits.len());
+    let exponent = exponent.parse::<i32>().unwrap_or(0);
+    let places = i32::try_from(decimals)
+        .unwrap_or(i32::MAX)
+        .saturating_sub(exponent);
+    let half_unit = 0.5 * 0.1f64.powi(places);
+    Ok(Cell::Printed(Printed { value, half_unit }))
 }
 
-fn checked(columns: &[&str], rows: &Rows) -> Checked {
+fn checked(columns: &[&str], boards: &[Board]) -> Checked {
     let mut result = Checked::default();
-    for ((_, method), metrics) in rows {
-        let mut note = |metric: &str, column: &str, printed: Printed, range: Option<(f64, f64)>| {
-            let Some((low, high)) = range else {
-                result.unchecked += 1;
-                return;
+    for (board, methods) in boards {
+        for (method, metrics) in methods {
+            let method = match boards.len() {
+                1 => method.clone(),
+                _ => format!("{method} ({board})"),
             };
-            if is_average(column) {
-                result.averages += 1;
-            } else {
-                result.f_scores += 1;
-            }
-            // A hair for the decimal numbers' own binary rounding.
-            let slack = printed.half_unit * (1.0 + 1e-9);
-            if printed.value + slack < low || printed.value - slack > high {
-                result.slips.push(Slip {
-                    method: method.clone(),
-                    metric: metric.to_owned(),
-                    column: column.to_owned(),
-                    printed: printed.value,
-                    expected: 0.5 * (low + high),
-                });
-            }
-        };
-        for (metric, values) in metrics {
-            for (index, (column, printed)) in columns.iter().zip(values).enumerate() {
-                let Some(printed) = *printed else { continue };
-                if is_average(column) {
-                    note(metric, column, printed, mean_range(columns, values));
-                } else if metric == F_SCORE {
-                    let at = |name: &str| *metrics.get(name)?.get(index)?;
-                    note(
-                        metric,
-                        column,
-                        printed,
-                        f_range(at("precision"), at("recall")),
-                    );
-                }
-            }
+            check_method(&mut result, &method, columns, metrics);
         }
     }
     result
 }
 
+fn check_method(result: &mut Checked, method: &str, columns: &[&str], metrics: &Metrics) {
+    let mut note = |metric: &str, column: &str, printed: Printed, range: Option<(f64, f64)>| {
+        let Some((low, high)) = range else {
+            result.unchecked += 1;
+            return;
+        };
+        if is_average(column) {
+            result.averages += 1;
+        } else {
+            result.f_scores += 1;
+        }
+        // A hair for the decimal numbers' own binary rounding.
+        let slack = printed.half_unit * (1.0 + 1e-9);
+        if printed.value + slack < low || printed.value - slack > high {
+            result.slips.push(Slip {
+                method: method.to_owned(),
+                metric: metric.to_owned(),
+                column: column.to_owned(),
+                printed: printed.value,
+                expected: 0.5 * (low + high),
+            });
+        }
+    };
+    for (metric, values) in metrics {
+        for (index, (column, cell)) in columns.iter().zip(values).enumerate() {
+            let Some(printed) = cell.printed() else {
+                continue;
+            };
+            if is_average(column) {
+                note(metric, column, printed, mean_range(columns, values));
+            } else if metric == F_SCORE {
+                let at = |name: &str| metrics.get(name)?.get(index)?.printed();
+                let range = f_range(at("precision"), at("recall"));
+                note(metric, column, printed, range);
+            }
+        }
+    }
+}
+
 /// The averages that the scenes' unrounded values could have; `None` when a scene is missing.
-fn mean_range(columns: &[&str], values: &[Option<Printed>]) -> Option<(f64, f64)> {
-    let scenes = columns
-        .iter()
-        .zip(values)
-        .filter(|(column, _)| !is_average(column));
-    let scenes: Vec<Printed> = scenes.map(|(_, value)| *value).collect::<Option<_>>()?;
+fn mean_range(columns: &[&str], values: &[Cell]) -> Option<(f64, f64)> {
+    let scenes = columns.iter().zip(values);
+    let scenes = scenes.filter(|(column, cell)| !is_average(column) && **cell != Cell::Blank);
+    let scenes: Vec<Printed> = scenes
+        .map(|(_, cell)| cell.printed())
+        .collect::<Option<_>>()?;
     let count = scenes.len() as f64;
     let sum: f64 = scenes.iter().map(|scene| scene.value).sum();
     let half: f64 = scenes.iter().map(|scene| scene.half_unit).sum();
@@ -275,6 +349,35 @@ mod tests {
             let slips = check(table(wrong).as_bytes()).unwrap().slips;
             assert_eq!(slips.len(), 1, "{wrong}");
             assert!((slips[0].expected - 49.249).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn several_boards_of_one_file_are_told_apart_and_ranks_are_no_scenes() {
+        let table = |mean: &str| {
+            format!(
+                "profile,metric,method,rank,mean rank,mean,Barn,Truck,Apse\n\
+                 official,F-score,a,1,1.00,50.00,40.00,60.00,\n\
+                 official,accuracy,a,1,1.00,0.2000,0.1000,0.3000,\n\
+                 official,F-score,b,–,–,–,41.00†,–,\n\
+                 strict,F-score,a,1,1.00,{mean},,,70.00\n"
+            )
+        };
+        let right = check(table("70.00").as_bytes()).unwrap();
+        assert_eq!(right.slips, []);
+        assert_eq!((right.averages, right.unchecked), (3, 3), "F without P, R");
+        let wrong = check(table("50.00").as_bytes()).unwrap().slips;
+        let said: Vec<String> = wrong.iter().map(ToString::to_string).collect();
+        let slip = "a (strict), F-score, mean: printed 50, its scenes average 70.0000";
+        assert_eq!(said, [slip]);
+    }
+
+    #[test]
+    fn a_number_with_an_exponent_is_as_precise_as_its_digits() {
+        let table = |mean: &str| format!("method,metric,A,B,Average\nm,recall,0.50,0.60,{mean}\n");
+        for (mean, slips) in [("5.5e-1", 0), ("5e-1", 0), ("5.8e-1", 1), ("580e-3", 1)] {
+            let found = check(table(mean).as_bytes()).unwrap().slips;
+            assert_eq!(found.len(), slips, "{mean}");
         }
     }
 

@@ -66,9 +66,9 @@ pub struct Difference {
 pub struct Comparison {
     /// Cells of both.
     pub differences: Vec<Difference>,
-    /// Cells of the first set alone, and those that have an F-score only there.
+    /// Cells that have an F-score in the first set alone: the second misses them, or failed there.
     pub lost: Vec<String>,
-    /// Cells of the second set alone.
+    /// Cells that have an F-score in the second set alone.
     pub gained: Vec<String>,
 }
 
@@ -81,7 +81,7 @@ impl Comparison {
 }
 
 /// Compares the F-scores of `after` with those of `before`. Methods are paired by name, unless both
-/// sets hold a single one. Fails when the sets are of different protocols, profiles or units, when a
+/// sets hold a single one. Fails when the scores are of different protocols, profiles or units, when a
 /// cell is there twice, or when they have no cell in common.
 pub fn compare(
     before: &[Record],
@@ -112,9 +112,13 @@ pub fn compare(
             .differences
             .push(difference(cell, (before, after), uncertainty));
     }
-    let new_cells = second.keys().filter(|cell| !first.contains_key(*cell));
+    let unscored = |cell: &&String| first.get(*cell).is_none_or(|old| old.fscore.is_none());
+    let new_cells = second.iter().filter(|(_, new)| new.fscore.is_some());
+    let new_cells = new_cells.map(|(cell, _)| cell).filter(unscored);
     comparison.gained = new_cells.cloned().collect();
-    if comparison.differences.is_empty() {
+    // What was scored before and failed after is in both.
+    let failed = comparison.lost.iter().any(|cell| second.contains_key(cell));
+    if comparison.differences.is_empty() && !failed {
         let problem = "expected cells with an F-score in both, found none: the sets have no method, \
                        scene and threshold in common";
         return Err(Error::invalid("compare", problem));
@@ -163,8 +167,10 @@ fn procedure(record: &Record) -> String {
     named.join(" ")
 }
 
+/// The procedures that gave scores; failures may not say all of theirs.
 fn procedures(records: &[Record]) -> BTreeSet<String> {
-    records.iter().map(procedure).collect()
+    let scored = records.iter().filter(|record| record.fscore.is_some());
+    scored.map(procedure).collect()
 }
 
 fn same_procedure(before: &[Record], after: &[Record]) -> Result<()> {

@@ -1,6 +1,6 @@
 //! One page that holds a whole report and opens from disk without a network: everything is inlined.
 
-use super::cloud_payload::{base64, pack};
+use super::cloud_payload::{Payload, base64, pack};
 use super::curve_svg::escaped;
 use super::table::{Emphasis, Table};
 use crate::error::{Error, Result};
@@ -13,6 +13,8 @@ const POINTS_PER_CLOUD: usize = 200_000;
 const POINTS_PER_PAGE: usize = 1_000_000;
 /// No page is larger.
 const MOST_BYTES: usize = 10_000_000;
+/// What stands around the plots of a page, at most.
+const PLOTS_FRAME: usize = 100;
 
 /// What a page shows. Every part may be empty.
 #[derive(Debug, Clone, Copy, Default)]
@@ -26,7 +28,7 @@ pub struct Page<'a> {
     /// Plots.
     pub plots: &'a [Plot],
     /// Clouds to turn in 3-D.
-    pub clouds: &'a [ErrorCloud<'a>],
+    pub clouds: &'a [PackedCloud],
     /// The first cloud as a PNG, for readers without scripts or WebGL.
     pub still: Option<&'a [u8]>,
     /// Pictures.
@@ -70,6 +72,33 @@ pub struct ErrorCloud<'a> {
     pub unit: &'a str,
 }
 
+/// A cloud as the page holds it: thinned and packed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PackedCloud {
+    name: String,
+    unit: String,
+    tau: f64,
+    payload: Payload,
+    /// Points before thinning.
+    all: usize,
+}
+
+impl PackedCloud {
+    /// The share of `cloud` in a page of `clouds` clouds. Fails when it has not one distance per point
+    /// or no threshold.
+    pub fn new(cloud: &ErrorCloud<'_>, clouds: usize) -> Result<Self> {
+        check(cloud)?;
+        let most = POINTS_PER_CLOUD.min(POINTS_PER_PAGE / clouds.max(1));
+        Ok(Self {
+            name: cloud.name.to_owned(),
+            unit: cloud.unit.to_owned(),
+            tau: cloud.tau,
+            payload: pack(cloud.positions, cloud.distances, cloud.tau, most),
+            all: cloud.positions.len(),
+        })
+    }
+}
+
 /// What the viewer must know of a cloud.
 #[derive(Debug, Serialize)]
 struct CloudFacts<'a> {
@@ -78,9 +107,32 @@ struct CloudFacts<'a> {
     unit: &'a str,
 }
 
-/// The page. Fails when a cloud has not one distance per point or no threshold, or when the page
-/// would exceed 10 MB: fewer pictures or clouds then, on several pages.
+/// The page. Fails when it would exceed 10 MB: fewer pictures or clouds then, on several pages.
 pub fn html(page: &Page) -> Result<String> {
+    let text = unbounded(page)?;
+    if text.len() > MOST_BYTES {
+        let problem = format!(
+            "expected at most {MOST_BYTES} bytes, found {}; give it fewer pictures or clouds",
+            text.len()
+        );
+        return Err(Error::invalid("page", problem));
+    }
+    Ok(text)
+}
+
+/// The bytes that `page` leaves for plots; see [`plot_bytes`].
+pub fn room(page: &Page) -> Result<usize> {
+    Ok(MOST_BYTES.saturating_sub(unbounded(page)?.len() + PLOTS_FRAME))
+}
+
+/// The bytes that a plot takes in a page.
+pub fn plot_bytes(plot: &Plot) -> usize {
+    let mut text = String::new();
+    push_plot(&mut text, plot);
+    text.len()
+}
+
+fn unbounded(page: &Page) -> Result<String> {
     let title = escaped(page.title);
     let mut text = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -108,13 +160,6 @@ pub fn html(page: &Page) -> Result<String> {
             include_str!("page.js")
         ),
     );
-    if text.len() > MOST_BYTES {
-        let problem = format!(
-            "expected at most {MOST_BYTES} bytes, found {}; give it fewer pictures or clouds",
-            text.len()
-        );
-        return Err(Error::invalid("page", problem));
-    }
     Ok(text)
 }
 
@@ -215,9 +260,13 @@ fn push_plots(text: &mut String, plots: &[Plot]) {
         format_args!("<h2>Curves</h2>\n<div class=\"figures\">"),
     );
     for plot in plots {
-        push_figure(text, "image/svg+xml", plot.svg.as_bytes(), &plot.caption);
+        push_plot(text, plot);
     }
     push(text, format_args!("</div>"));
+}
+
+fn push_plot(text: &mut String, plot: &Plot) {
+    push_figure(text, "image/svg+xml", plot.svg.as_bytes(), &plot.caption);
 }
 
 fn push_pictures(text: &mut String, pictures: &[Picture]) {
@@ -244,16 +293,14 @@ fn push_provenance(text: &mut String, provenance: &[(String, String)]) {
     push(text, format_args!("</dl>"));
 }
 
-fn push_clouds(text: &mut String, clouds: &[ErrorCloud], still: Option<&[u8]>) -> Result<()> {
+fn push_clouds(text: &mut String, clouds: &[PackedCloud], still: Option<&[u8]>) -> Result<()> {
     if clouds.is_empty() {
         return Ok(());
     }
-    let most = POINTS_PER_CLOUD.min(POINTS_PER_PAGE / clouds.len());
     let (mut facts, mut options, mut data) = (Vec::new(), String::new(), String::new());
     for (index, cloud) in clouds.iter().enumerate() {
-        check(cloud)?;
-        let payload = pack(cloud.positions, cloud.distances, cloud.tau, most);
-        let (name, kept, all) = (escaped(cloud.name), payload.count, cloud.positions.len());
+        let payload = &cloud.payload;
+        let (name, kept, all) = (escaped(&cloud.name), payload.count, cloud.all);
         push(
             &mut options,
             format_args!("<option value=\"{index}\">{name} ({kept} of {all} points)</option>"),
@@ -266,7 +313,7 @@ fn push_clouds(text: &mut String, clouds: &[ErrorCloud], still: Option<&[u8]>) -
         facts.push(CloudFacts {
             middle: payload.middle,
             tau: cloud.tau,
-            unit: cloud.unit,
+            unit: &cloud.unit,
         });
     }
     let facts =
@@ -287,8 +334,8 @@ fn push_clouds(text: &mut String, clouds: &[ErrorCloud], still: Option<&[u8]>) -
 }
 
 /// What stands in the viewer's place until its script takes over.
-fn push_still(text: &mut String, cloud: &ErrorCloud, still: Option<&[u8]>) {
-    let name = escaped(cloud.name);
+fn push_still(text: &mut String, cloud: &PackedCloud, still: Option<&[u8]>) {
+    let name = escaped(&cloud.name);
     let picture = still.map_or_else(String::new, |png| {
         let data = base64(png);
         format!("<img alt=\"{name}, coloured by error\" src=\"data:image/png;base64,{data}\">")
@@ -339,7 +386,7 @@ mod tests {
         };
         let page = Page {
             title: "<i>",
-            clouds: &[cloud],
+            clouds: &[PackedCloud::new(&cloud, 1).unwrap()],
             provenance: &[("command".into(), "a && b".into())],
             ..Page::default()
         };
@@ -356,6 +403,24 @@ mod tests {
     }
 
     #[test]
+    fn the_room_of_a_page_is_what_its_plots_may_take() {
+        let plot = |bytes: usize| Plot {
+            caption: "<x>".into(),
+            svg: "x".repeat(bytes),
+        };
+        let empty = Page::default();
+        let room = room(&empty).unwrap();
+        let fits = plot(3 * (room / 4) - 900);
+        assert!(plot_bytes(&fits) <= room && plot_bytes(&plot(3 * (room / 4))) > room);
+        let plots = [fits];
+        let page = Page {
+            plots: &plots,
+            ..empty
+        };
+        assert!(html(&page).unwrap().len() > MOST_BYTES - 2000);
+    }
+
+    #[test]
     fn clouds_that_do_not_fit_and_pages_too_large_are_refused() {
         let cloud = ErrorCloud {
             name: "x",
@@ -364,12 +429,8 @@ mod tests {
             tau: 1.0,
             unit: "",
         };
-        let page = Page {
-            clouds: &[cloud],
-            ..Page::default()
-        };
         assert!(
-            html(&page)
+            PackedCloud::new(&cloud, 1)
                 .unwrap_err()
                 .to_string()
                 .contains("for x, found 1, 0 and 1")

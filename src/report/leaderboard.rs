@@ -1,9 +1,13 @@
 //! Records side by side: who is best, scene by scene. Records of different protocols, profiles,
 //! splits, units or thresholds never stand in one board.
+//!
+//! A record whose status is not `ok` failed, or failed a gate: its value, if it has one, is shown and
+//! takes no part in ranks and means.
 
 pub use super::leaderboard_tables::{paper_tables, site_tables};
 use super::record::Record;
 use crate::error::{Error, Result};
+use mvs_datasets::layout::tnt::known_tolerance;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The scenes of Tanks and Temples in the order of its site: training, intermediate, advanced.
@@ -100,7 +104,8 @@ pub struct Common {
     pub split: String,
     /// The unit of distances.
     pub unit: String,
-    /// The threshold as text where scenes were scored at several; empty where each scene has one.
+    /// The threshold as text on the boards of further thresholds of a scene; empty where each scene
+    /// has its own.
     pub threshold: String,
 }
 
@@ -138,11 +143,43 @@ pub struct Ranked {
     /// Arithmetic mean over all scenes of the board; `None` when one is missing.
     pub mean: Option<f64>,
     /// The values, scene by scene.
-    pub values: Vec<Option<f64>>,
+    pub values: Vec<Value>,
 }
 
-/// Sorts records into boards. Fails when a method has two records for the same cell, or a value is
-/// no number.
+/// A metric's value in one cell.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Value {
+    /// The number; `None` where there is none.
+    pub shown: Option<f64>,
+    /// The number where it takes part in ranks and means: the record's status is `ok`.
+    pub counted: Option<f64>,
+}
+
+impl Value {
+    pub(super) fn of(record: Option<&Record>, metric: Metric) -> Self {
+        let shown = record.and_then(|record| metric.of(record));
+        Self {
+            shown,
+            counted: shown.filter(|_| record.is_some_and(is_sound)),
+        }
+    }
+}
+
+/// Whether nothing is known against the record.
+pub(super) fn is_sound(record: &Record) -> bool {
+    ["", "ok"].contains(&record.status.as_str())
+}
+
+/// Whether the record has a value of any metric.
+pub(super) fn has_values(record: &Record) -> bool {
+    Metric::ALL.iter().any(|metric| metric.of(record).is_some())
+}
+
+/// Sorts records into boards. A scene that was scored at several thresholds stands in the main board
+/// at its known one (or the commonest), and in boards of their own at the others; where every scene
+/// has several unknown ones, each threshold has a board.
+///
+/// Fails when a method has two records for the same cell, or a value is no number.
 pub fn boards(records: &[Record]) -> Result<Vec<Board>> {
     let mut groups: BTreeMap<Common, Vec<&Record>> = BTreeMap::new();
     for record in records {
@@ -150,17 +187,15 @@ pub fn boards(records: &[Record]) -> Result<Vec<Board>> {
     }
     let mut split = BTreeMap::new();
     for (common, records) in groups {
-        if one_threshold_per_scene(&records) {
-            split.insert(common, records);
-            continue;
-        }
+        let main = main_thresholds(&records);
         for record in records {
-            let threshold = record.threshold.map(|t| t.to_string()).unwrap_or_default();
-            let common = Common {
-                threshold,
-                ..common.clone()
-            };
-            split.entry(common).or_insert_with(Vec::new).push(record);
+            for threshold in boards_of(record, main.as_ref()) {
+                let common = Common {
+                    threshold,
+                    ..common.clone()
+                };
+                split.entry(common).or_insert_with(Vec::new).push(record);
+            }
         }
     }
     split
@@ -179,12 +214,59 @@ fn common(record: &Record) -> Common {
     }
 }
 
-fn one_threshold_per_scene(records: &[&Record]) -> bool {
-    let mut thresholds: BTreeMap<&str, Option<u64>> = BTreeMap::new();
-    records.iter().all(|record| {
-        let bits = record.threshold.map(f64::to_bits);
-        *thresholds.entry(&record.scene).or_insert(bits) == bits
-    })
+/// Per scene the threshold of the main board, as bits. An error where no scene tells which of its
+/// several thresholds is the main one: all of them, as texts.
+fn main_thresholds<'a>(
+    records: &[&'a Record],
+) -> std::result::Result<BTreeMap<&'a str, u64>, BTreeSet<String>> {
+    let mut scenes: BTreeMap<&str, BTreeMap<u64, usize>> = BTreeMap::new();
+    let mut everywhere: BTreeMap<u64, usize> = BTreeMap::new();
+    for record in records {
+        let Some(threshold) = record.threshold else {
+            continue;
+        };
+        let of_scene = scenes.entry(&record.scene).or_default();
+        *of_scene.entry(threshold.to_bits()).or_default() += 1;
+        *everywhere.entry(threshold.to_bits()).or_default() += 1;
+    }
+    let known = |scene: &str| known_tolerance(scene).map(f64::to_bits);
+    let settled = |(scene, found): (&&str, &BTreeMap<u64, usize>)| {
+        found.len() == 1 || known(scene).is_some_and(|tau| found.contains_key(&tau))
+    };
+    if !scenes.is_empty() && !scenes.iter().any(settled) {
+        let texts = everywhere
+            .keys()
+            .map(|&bits| f64::from_bits(bits).to_string());
+        return Err(texts.collect());
+    }
+    let main = |scene: &str, found: &BTreeMap<u64, usize>| {
+        let known = known(scene).filter(|tau| found.contains_key(tau));
+        // Of the equally common, the smaller.
+        let often = |bits: &&u64| (found[*bits], everywhere[*bits], std::cmp::Reverse(**bits));
+        known.or_else(|| found.keys().max_by_key(often).copied())
+    };
+    let scenes = scenes.iter();
+    Ok(scenes
+        .filter_map(|(&scene, found)| Some((scene, main(scene, found)?)))
+        .collect())
+}
+
+/// The boards that a record stands in, by their threshold's text.
+fn boards_of(
+    record: &Record,
+    main: std::result::Result<&BTreeMap<&str, u64>, &BTreeSet<String>>,
+) -> Vec<String> {
+    match (record.threshold, main) {
+        (Some(threshold), Ok(main))
+            if main.get(record.scene.as_str()) == Some(&threshold.to_bits()) =>
+        {
+            vec![String::new()]
+        }
+        (Some(threshold), _) => vec![threshold.to_string()],
+        (None, Ok(_)) => vec![String::new()],
+        // A failure that has no threshold is missing from all of them.
+        (None, Err(all)) => all.iter().cloned().collect(),
+    }
 }
 
 fn label(record: &Record) -> String {
@@ -214,7 +296,7 @@ fn board(common: Common, records: &[&Record]) -> Result<Board> {
             if *scene != record.scene {
                 continue;
             }
-            thresholds[index] = record.threshold;
+            thresholds[index] = record.threshold.or(thresholds[index]);
             if row[index].replace(record.clone()).is_some() {
                 return Err(duplicate(record));
             }
@@ -266,23 +348,24 @@ impl Board {
         records.any(|record| record.as_ref().is_some_and(|r| metric.of(r).is_some()))
     }
 
-    /// The methods by mean rank, then mean, then name. Those that miss a scene have no mean and no
-    /// rank and come last.
+    /// The methods by mean rank, then mean, then name. Those that miss a scene, or whose score of one
+    /// failed a gate, have no mean and no rank and come last.
     pub fn ranking(&self, metric: Metric) -> Vec<Ranked> {
         let sign = if metric.is_fraction() { 1.0 } else { -1.0 };
-        let values: Vec<Vec<Option<f64>>> = self
+        let values: Vec<Vec<Value>> = self
             .entries
             .iter()
             .map(|entry| {
-                let value = |record: &Option<Record>| record.as_ref().and_then(|r| metric.of(r));
+                let value = |record: &Option<Record>| Value::of(record.as_ref(), metric);
                 entry.records.iter().map(value).collect()
             })
             .collect();
         let place = |row: usize, scene: usize| {
-            let own = values[row][scene]?;
-            let better = values
-                .iter()
-                .filter(|other| other[scene].is_some_and(|other| sign * other > sign * own));
+            let own = values[row][scene].counted?;
+            let better = values.iter().filter(|other| {
+                let other = other[scene].counted;
+                other.is_some_and(|other| sign * other > sign * own)
+            });
             #[allow(clippy::cast_precision_loss, reason = "a few methods")]
             Some(better.count() as f64 + 1.0)
         };
@@ -291,7 +374,7 @@ impl Board {
                 label: self.entries[row].label.clone(),
                 rank: None,
                 mean_rank: mean((0..self.scenes.len()).map(|scene| place(row, scene))),
-                mean: mean(values[row].iter().copied()),
+                mean: mean(values[row].iter().map(|value| value.counted)),
                 values: values[row].clone(),
             })
             .collect();

@@ -1,18 +1,24 @@
 //! Boards as tables: in the form of the benchmark's site and in the papers'.
 
-use super::leaderboard::{Board, Metric, Ranked, mean};
+use super::leaderboard::{Board, Entry, Metric, Ranked, Value, has_values, is_sound, mean};
 use super::record::Record;
-use super::table::{Cell, MISSING, Table, emphasise};
+use super::table::{Better, Cell, MISSING, Marks, SUSPECT, Table, emphasise};
 use std::collections::BTreeSet;
 
 /// The boards as the benchmark's site shows them: one table per board and metric, methods ranked,
-/// percent with two decimals (distances with four), best bold and second underlined.
+/// percent with two decimals (distances with four), best bold and second underlined. Values that
+/// failed a gate carry a † and are not marked.
 pub fn site_tables(boards: &[Board]) -> Vec<Table> {
     boards
         .iter()
         .flat_map(|board| {
-            let metrics = Metric::ALL.into_iter().filter(|&metric| board.has(metric));
-            metrics.map(|metric| site_table(board, metric))
+            let has = Metric::ALL.into_iter().filter(|&metric| board.has(metric));
+            let mut metrics: Vec<Metric> = has.collect();
+            if metrics.is_empty() {
+                // Nothing but failures: the table says so.
+                metrics.push(Metric::FScore);
+            }
+            metrics.into_iter().map(|metric| site_table(board, metric))
         })
         .collect()
 }
@@ -34,7 +40,7 @@ fn site_table(board: &Board, metric: Metric) -> Table {
                 optional(row.mean_rank.map(|rank| format!("{rank:.2}"))),
                 Cell::plain(shown(row.mean)),
             ];
-            cells.extend(row.values.iter().map(|&value| Cell::plain(shown(value))));
+            cells.extend(row.values.iter().map(|&value| cell(value, shown)));
             cells
         })
         .collect();
@@ -43,12 +49,12 @@ fn site_table(board: &Board, metric: Metric) -> Table {
             if column == 3 {
                 row.mean
             } else {
-                row.values[column - 4]
+                row.values[column - 4].counted
             }
         };
         let values: Vec<Option<f64>> = ranked.iter().map(value).collect();
         let mut cells: Vec<&mut Cell> = rows.iter_mut().map(|row| &mut row[column]).collect();
-        emphasise(&mut cells, &values, metric.is_fraction(), true);
+        emphasise(&mut cells, &values, better(metric), Marks::BestAndSecond);
     }
     let mut header: Vec<String> = ["method", "rank", "mean rank", "mean"]
         .map(String::from)
@@ -83,14 +89,16 @@ fn paper_table(board: &Board) -> Table {
     let mut f_scores: Vec<Vec<Option<f64>>> = Vec::new();
     for entry in &board.entries {
         for &metric in &metrics {
-            let value = |record: &Option<Record>| record.as_ref().and_then(|r| metric.of(r));
-            let mut values: Vec<Option<f64>> = entry.records.iter().map(value).collect();
-            values.push(mean(values.iter().copied()));
+            let value = |record: &Option<Record>| Value::of(record.as_ref(), metric);
+            let values: Vec<Value> = entry.records.iter().map(value).collect();
+            let mut counted: Vec<Option<f64>> = values.iter().map(|value| value.counted).collect();
+            counted.push(mean(counted.iter().copied()));
             let mut cells = vec![Cell::plain(&entry.label), Cell::plain(metric.name())];
-            cells.extend(values.iter().map(|&value| Cell::plain(shown(value))));
+            cells.extend(values.iter().map(|&value| cell(value, shown)));
+            cells.push(Cell::plain(shown(counted.last().copied().flatten())));
             rows.push(cells);
             if metric == Metric::FScore {
-                f_scores.push(values);
+                f_scores.push(counted);
             }
         }
     }
@@ -101,7 +109,7 @@ fn paper_table(board: &Board) -> Table {
             .skip(metrics.len() - 1)
             .step_by(metrics.len());
         let mut cells: Vec<&mut Cell> = of_f.map(|row| &mut row[column + 2]).collect();
-        emphasise(&mut cells, &values, true, false);
+        emphasise(&mut cells, &values, Better::Higher, Marks::Best);
     }
     let mut header = vec!["method".to_owned(), "metric".to_owned()];
     header.extend(board.scenes.iter().cloned());
@@ -117,8 +125,25 @@ fn paper_table(board: &Board) -> Table {
     }
 }
 
+fn better(metric: Metric) -> Better {
+    if metric.is_fraction() {
+        Better::Higher
+    } else {
+        Better::Lower
+    }
+}
+
+/// A value; with a mark where it does not count.
+fn cell(value: Value, shown: impl Fn(Option<f64>) -> String) -> Cell {
+    let mut text = shown(value.shown);
+    if value.shown.is_some() && value.counted.is_none() {
+        text.push(SUSPECT);
+    }
+    Cell::plain(text)
+}
+
 impl Board {
-    /// The board as sentences: thresholds, and who misses what.
+    /// The board as sentences: thresholds, who misses what, and whose scores are not to be trusted.
     fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let distinct: BTreeSet<Option<u64>> = self
@@ -138,18 +163,41 @@ impl Board {
             }
         }
         for entry in &self.entries {
-            let missing: Vec<&str> = self
-                .scenes
-                .iter()
-                .zip(&entry.records)
-                .filter(|(_, record)| record.is_none())
-                .map(|(scene, _)| scene.as_str())
-                .collect();
-            if !missing.is_empty() {
-                let missing = missing.join(", ");
+            notes.extend(self.notes_on(entry));
+        }
+        notes
+    }
+
+    /// What a method misses.
+    fn notes_on(&self, entry: &Entry) -> Vec<String> {
+        let mut notes = Vec::new();
+        let cells = || self.scenes.iter().zip(&entry.records);
+        let missing = cells().filter(|(_, record)| record.is_none());
+        let missing: Vec<&str> = missing.map(|(scene, _)| scene.as_str()).collect();
+        if !missing.is_empty() {
+            let missing = missing.join(", ");
+            let label = &entry.label;
+            notes.push(format!(
+                "{label} has no record for {missing}: no mean, no rank."
+            ));
+        }
+        for (scene, record) in cells() {
+            let Some(record) = record.as_ref() else {
+                continue;
+            };
+            let (label, status) = (&entry.label, &record.status);
+            if !has_values(record) {
+                let status = if status.is_empty() {
+                    "no status"
+                } else {
+                    status
+                };
                 notes.push(format!(
-                    "{} has no record for {missing}: no mean, no rank.",
-                    entry.label
+                    "{label} has no score for {scene} ({status}): no mean, no rank."
+                ));
+            } else if !is_sound(record) {
+                notes.push(format!(
+                    "{SUSPECT} {label}, {scene}: {status}; no mean, no rank."
                 ));
             }
         }

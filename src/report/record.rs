@@ -77,9 +77,10 @@ pub struct Record {
     pub profile: String,
     /// The judged system.
     pub method: String,
-    /// What the methods are grouped by, such as the training set; often empty.
+    /// What the methods are grouped by, such as the training set. `score` leaves it empty: it is for
+    /// tables that are put together by hand.
     pub group: String,
-    /// The part of the benchmark: `training`, `intermediate`.
+    /// The part of the benchmark: `training`, `intermediate`; empty where the scene is not known.
     pub split: String,
     /// The scene.
     pub scene: String,
@@ -123,9 +124,10 @@ pub struct Record {
     pub align: String,
     /// The alignment's scale.
     pub align_scale: Option<f64>,
-    /// Camera centres that the trajectory fit agrees with.
+    /// Registered cameras near their own reference.
     pub traj_inliers: Option<u64>,
-    /// Root mean square residual of those.
+    /// Root mean square residual of the cameras that agree by the profile's own rule: those same ones
+    /// in `strict`; in `official` all poses with any reference nearby.
     pub traj_rmse: Option<f64>,
     /// Fraction of points matched by the last ICP stage.
     pub icp_fitness: Option<f64>,
@@ -139,9 +141,9 @@ pub struct Record {
     pub seed: Option<u64>,
     /// `ok`, or what is wrong.
     pub status: String,
-    /// Wall-clock time of the scoring.
+    /// Wall-clock time of the scoring. `score` leaves it empty: the same inputs give the same bytes.
     pub seconds: Option<f64>,
-    /// Peak memory of the scoring.
+    /// Peak memory of the scoring; empty as well.
     pub peak_mib: Option<f64>,
     /// Version of this program.
     pub tool_version: String,

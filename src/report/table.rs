@@ -2,6 +2,8 @@
 
 /// What stands in a cell whose value is missing.
 pub const MISSING: &str = "–";
+/// What follows a value that is shown and does not count.
+pub const SUSPECT: char = '†';
 
 /// How a cell stands out in its column.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -62,15 +64,30 @@ impl Table {
     }
 }
 
-/// Marks the best and the second best of one column; `values` belong to the rows. Values that look
-/// alike are alike. Nothing is marked unless values differ or there is only one row.
+/// Which values are better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Better {
+    Higher,
+    Lower,
+}
+
+/// Which values of a column stand out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Marks {
+    Best,
+    BestAndSecond,
+}
+
+/// Marks the best and perhaps the second best of one column; `values` belong to the rows, `None` where
+/// a cell takes no part. Values that look alike are alike. Nothing is marked where several values all
+/// look alike.
 pub(super) fn emphasise(
     cells: &mut [&mut Cell],
     values: &[Option<f64>],
-    higher_is_better: bool,
-    second: bool,
+    better: Better,
+    marks: Marks,
 ) {
-    let sign = if higher_is_better { 1.0 } else { -1.0 };
+    let sign = if better == Better::Higher { 1.0 } else { -1.0 };
     let mut order: Vec<usize> = (0..values.len())
         .filter(|&row| values[row].is_some())
         .collect();
@@ -78,10 +95,14 @@ pub(super) fn emphasise(
     order.sort_by(|&a, &b| key(b).total_cmp(&key(a)));
     let mut texts: Vec<String> = order.iter().map(|&row| cells[row].text.clone()).collect();
     texts.dedup();
-    for cell in cells.iter_mut().filter(|cell| cell.text != MISSING) {
+    if texts.len() == 1 && order.len() > 1 {
+        return;
+    }
+    for row in order {
+        let cell = &mut cells[row];
         if texts.first() == Some(&cell.text) {
             cell.emphasis = Emphasis::Best;
-        } else if second && texts.get(1) == Some(&cell.text) {
+        } else if marks == Marks::BestAndSecond && texts.get(1) == Some(&cell.text) {
             cell.emphasis = Emphasis::Second;
         }
     }

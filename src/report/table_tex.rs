@@ -1,6 +1,6 @@
 //! Tables as LaTeX, with the package `booktabs`.
 
-use super::table::{Cell, Emphasis, MISSING, Table};
+use super::table::{Cell, Emphasis, MISSING, SUSPECT, Table};
 use std::io::Write;
 
 /// Writes each table as a `tabular`, its title and notes as comments.
@@ -52,6 +52,7 @@ fn escaped(text: &str) -> String {
     for character in text.chars() {
         match character {
             '&' | '%' | '$' | '#' | '_' | '{' | '}' => safe.extend(['\\', character]),
+            SUSPECT => safe.push_str("\\dag{}"),
             '~' => safe.push_str("\\textasciitilde{}"),
             '^' => safe.push_str("\\textasciicircum{}"),
             '\\' => safe.push_str("\\textbackslash{}"),

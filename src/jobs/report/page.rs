@@ -2,27 +2,31 @@
 
 use super::{RECORD_FILES, ReportJob};
 use crate::error::{Error, Result};
+use crate::jobs::Context;
 use crate::jobs::score::ScoreDocument;
 use crate::provenance;
 use crate::report::cloud_picture;
 use crate::report::curve_svg::{self, Curves};
 use crate::report::histogram_svg;
-use crate::report::html::{ErrorCloud, Page, Picture, Plot, html};
+use crate::report::html::{self, ErrorCloud, PackedCloud, Page, Picture, Plot};
 use crate::report::table::Table;
 use glam::DVec3;
-use mvs_datasets::format::image;
+use mvs_datasets::format::{image, ply};
 use mvs_datasets::layout::files;
-use mvs_metrics::{Curve, Tolerance, distance};
+use mvs_metrics::distance::{self, Order};
+use mvs_metrics::{Curve, Tolerance};
 use std::path::{Path, PathBuf};
 
-/// Score folders whose clouds are shown; of further ones the curves are.
+/// Score folders whose clouds are shown; of further ones the curves are, as long as they fit.
 const CLOUDS: usize = 12;
+/// Bytes of the sentences on top, at most.
+const LEAD: usize = 2000;
 /// Pixels of a cloud's still picture.
 const STILL: (u32, u32) = (960, 560);
 
 /// A score folder's judged points with their distances.
-struct Scored {
-    document: ScoreDocument,
+struct Scored<'a> {
+    document: &'a ScoreDocument,
     unit: &'static str,
     reconstruction: Side,
     truth: Side,
@@ -34,27 +38,26 @@ struct Side {
     distances: Vec<f64>,
 }
 
-impl Scored {
-    /// Reads the folder; its PLYs hold the judged points, whose distances are taken again.
-    fn read(folder: &Path) -> Result<Self> {
-        let path = folder.join("score.json");
-        let document: ScoreDocument = serde_json::from_str(&files::read_text(&path)?)
-            .map_err(|error| Error::invalid(path.display().to_string(), error.to_string()))?;
+impl<'a> Scored<'a> {
+    /// Reads the folder's PLYs: they hold the judged points, whose distances are taken again.
+    fn read(folder: &Path, document: &'a ScoreDocument) -> Result<Self> {
         let points = |side: &str| {
             let path = folder.join(format!("{}.{side}.ply", document.scene));
-            files::read_cloud(&path).map(|cloud| cloud.into_positions())
+            // A side may be empty.
+            files::read_with(&path, ply::read_cloud).map(|cloud| cloud.into_positions())
         };
-        let (reconstruction, truth) = (points("precision")?, points("recall")?);
-        let (from_reconstruction, from_truth) = distance::both_ways(&reconstruction, &truth)?;
-        let side = |side: &str, points, distances| Side {
+        let order = document.voxel.map_or(Order::Any, |_| Order::Spatial);
+        let [reconstruction, truth] =
+            distance::both_ways_in(order, [points("precision")?, points("recall")?])?;
+        let side = |side: &str, (points, distances)| Side {
             name: format!("{}, {}: {side}", document.scene, document.method),
             points,
             distances,
         };
         Ok(Self {
             unit: crate::jobs::score::unit_of(document.protocol),
-            reconstruction: side("precision", reconstruction, from_reconstruction),
-            truth: side("recall", truth, from_truth),
+            reconstruction: side("precision", reconstruction),
+            truth: side("recall", truth),
             document,
         })
     }
@@ -104,99 +107,190 @@ impl Scored {
             unit: self.unit,
         })
     }
+}
 
-    fn facts(&self, folder: &Path) -> (String, String) {
-        let document = &self.document;
-        let profile = document
-            .profile
-            .map(|profile| format!(", {profile}"))
-            .unwrap_or_default();
-        let gates = if document.passed { "passed" } else { "failed" };
-        let facts = format!(
-            "{}: protocol {}{profile}, τ = {} {}, seed {}, gates {gates}",
-            folder.display(),
-            document.protocol,
-            document.tolerance,
-            self.unit,
-            document.seed
-        );
-        (format!("{}, {}", document.scene, document.method), facts)
+fn read_document(folder: &Path) -> Result<ScoreDocument> {
+    let path = folder.join("score.json");
+    serde_json::from_str(&files::read_text(&path)?)
+        .map_err(|error| Error::invalid(path.display().to_string(), error.to_string()))
+}
+
+fn facts(folder: &Path, document: &ScoreDocument) -> (String, String) {
+    let profile = document
+        .profile
+        .map(|profile| format!(", {profile}"))
+        .unwrap_or_default();
+    let gates = if document.passed { "passed" } else { "failed" };
+    let facts = format!(
+        "{}: protocol {}{profile}, τ = {} {}, seed {}, gates {gates}",
+        folder.display(),
+        document.protocol,
+        document.tolerance,
+        crate::jobs::score::unit_of(document.protocol),
+        document.seed
+    );
+    (format!("{}, {}", document.scene, document.method), facts)
+}
+
+/// What the page shows of score folders, read one at a time: no more than one's points are in memory.
+#[derive(Default)]
+struct Shown {
+    clouds: Vec<PackedCloud>,
+    /// By folder.
+    plots: Vec<Vec<Plot>>,
+    still: Option<Vec<u8>>,
+}
+
+impl Shown {
+    /// Plots and, of `clouds` in the page, this folder's clouds.
+    fn add(&mut self, folder: &Path, document: &ScoreDocument, clouds: usize) -> Result<()> {
+        let scored = Scored::read(folder, document)?;
+        self.plots.push(scored.plots()?);
+        for cloud in scored.clouds() {
+            if self.still.is_none() {
+                self.still = Some(still(&cloud)?);
+            }
+            self.clouds.push(PackedCloud::new(&cloud, clouds)?);
+        }
+        Ok(())
     }
 }
 
 /// The page of `tables` and of the score folders that the record files lie in, and its first
-/// cloud's still picture as PNG, where there is a cloud.
+/// cloud's still picture as PNG, where there is a cloud. Plots beyond the page's size are left out,
+/// with a warning.
 pub(super) fn of(
     job: &ReportJob,
     records: &[PathBuf],
     tables: &[Table],
+    context: &Context<'_>,
 ) -> Result<(String, Option<Vec<u8>>)> {
-    let folders: Vec<&Path> = records
-        .iter()
-        .filter_map(|file| file.parent())
-        .filter(|folder| folder.join("score.json").is_file())
-        .collect();
-    let mut scored = Vec::new();
-    for folder in &folders {
-        scored.push(Scored::read(folder)?);
+    let folders = score_folders(records)?;
+    let with_clouds = &folders[..folders.len().min(CLOUDS)];
+    let sides = with_clouds.iter().map(|(_, document)| {
+        let counts = &document.counts;
+        let evaluated = [counts.reconstruction.evaluated, counts.truth.evaluated];
+        evaluated.iter().filter(|&&count| count > 0).count()
+    });
+    let clouds = sides.sum();
+    let mut shown = Shown::default();
+    for (folder, document) in with_clouds {
+        context.progress.check()?;
+        shown.add(folder, document, clouds)?;
     }
-    let plots: Vec<Vec<Plot>> = scored.iter().map(Scored::plots).collect::<Result<_>>()?;
-    let plots = plots.concat();
-    let clouds: Vec<ErrorCloud<'_>> = scored
-        .iter()
-        .take(CLOUDS)
-        .flat_map(Scored::clouds)
-        .collect();
-    let still = clouds.first().map(still).transpose()?;
-    let pictures = job
-        .pictures
-        .iter()
-        .map(|path| picture(path))
-        .collect::<Result<Vec<_>>>()?;
-    let mut provenance = vec![
-        (
-            "program".to_owned(),
-            format!("mvs-eval {}", provenance::VERSION),
-        ),
+    let pictures = job.pictures.iter().map(|path| picture(path));
+    let pictures = pictures.collect::<Result<Vec<_>>>()?;
+    let provenance = provenance_of(&folders, records)?;
+    let page = Page {
+        title: job.title.as_deref().unwrap_or("Scores"),
+        tables,
+        clouds: &shown.clouds,
+        still: shown.still.as_deref(),
+        pictures: &pictures,
+        provenance: &provenance,
+        ..Page::default()
+    };
+    let room = html::room(&page)?.saturating_sub(LEAD);
+    let (plots, whole) = fitting(std::mem::take(&mut shown.plots), &folders, room, context)?;
+    if whole < folders.len() {
+        let message = format!(
+            "the page shows the curves of {whole} of {} score folders: it would exceed 10 MB",
+            folders.len()
+        );
+        context.warnings.add("page-plots-left-out", message);
+    }
+    let page = Page {
+        lead: &lead(tables, folders.len(), whole),
+        plots: &plots,
+        ..page
+    };
+    Ok((html::html(&page)?, shown.still.clone()))
+}
+
+/// The folders that hold a score beside the records, in order, each once.
+fn score_folders(records: &[PathBuf]) -> Result<Vec<(&Path, ScoreDocument)>> {
+    let mut folders: Vec<&Path> = Vec::new();
+    for folder in records.iter().filter_map(|file| file.parent()) {
+        if !folders.contains(&folder) && folder.join("score.json").is_file() {
+            folders.push(folder);
+        }
+    }
+    let read = folders.into_iter();
+    read.map(|folder| Ok((folder, read_document(folder)?)))
+        .collect()
+}
+
+/// The plots that fit into `room`, whole folders at a time, and of how many folders they are. `made`
+/// are those of the first folders; of others the points are read as long as there is room.
+fn fitting(
+    made: Vec<Vec<Plot>>,
+    folders: &[(&Path, ScoreDocument)],
+    room: usize,
+    context: &Context<'_>,
+) -> Result<(Vec<Plot>, usize)> {
+    let mut made = made.into_iter();
+    let (mut plots, mut used) = (Vec::new(), 0);
+    for (nth, (folder, document)) in folders.iter().enumerate() {
+        context.progress.check()?;
+        let of_folder = match made.next() {
+            Some(of_folder) => of_folder,
+            None => Scored::read(folder, document)?.plots()?,
+        };
+        used += of_folder.iter().map(html::plot_bytes).sum::<usize>();
+        if used > room {
+            return Ok((plots, nth));
+        }
+        plots.extend(of_folder);
+    }
+    Ok((plots, folders.len()))
+}
+
+fn provenance_of(
+    folders: &[(&Path, ScoreDocument)],
+    records: &[PathBuf],
+) -> Result<Vec<(String, String)>> {
+    let program = format!("mvs-eval {}", provenance::VERSION);
+    let mut said = vec![
+        ("program".to_owned(), program),
         ("revision".to_owned(), provenance::REVISION.to_owned()),
     ];
-    provenance.extend(
-        scored
+    said.extend(
+        folders
             .iter()
-            .zip(&folders)
-            .map(|(scored, folder)| scored.facts(folder)),
+            .map(|(folder, document)| facts(folder, document)),
     );
     for path in records {
         let hash = provenance::hash_path(path)?;
-        provenance.push((path.display().to_string(), format!("BLAKE3 {hash}")));
+        said.push((path.display().to_string(), format!("BLAKE3 {hash}")));
     }
-    let page = html(&Page {
-        title: job.title.as_deref().unwrap_or("Scores"),
-        lead: &lead(tables, &scored),
-        tables,
-        plots: &plots,
-        clouds: &clouds,
-        still: still.as_deref(),
-        pictures: &pictures,
-        provenance: &provenance,
-    })?;
-    Ok((page, still))
+    Ok(said)
 }
 
-fn lead(tables: &[Table], scored: &[Scored]) -> String {
-    let hidden = scored.len().saturating_sub(CLOUDS);
-    let more = match (scored.len(), hidden) {
-        (0, _) => format!(
+/// The sentences on top: of `folders` score folders, `whole` have their curves in the page.
+fn lead(tables: &[Table], folders: usize, whole: usize) -> String {
+    let mut more = String::new();
+    if folders == 0 {
+        more = format!(
             " No score folder lies beside the records ({}), so there are no curves and clouds.",
             RECORD_FILES.join(", ")
-        ),
-        (_, 0) => String::new(),
-        _ => format!(" The clouds of {hidden} further score folders are left out."),
-    };
+        );
+    }
+    if folders > CLOUDS {
+        let hidden = folders - CLOUDS;
+        more.push_str(&format!(
+            " The clouds of {hidden} further score folders are left out."
+        ));
+    }
+    if whole < folders {
+        let hidden = folders - whole;
+        more.push_str(&format!(
+            " The curves of {hidden} score folders are left out: the page would exceed 10 MB."
+        ));
+    }
     format!(
         "Records of different protocols, profiles or thresholds stand in tables of their own: {} \
          here. Scores are in percent, the best bold, the second best underlined; – is a missing \
-         scene, and a method with one has no mean and no rank.{more}",
+         scene, † a score whose gates failed; a method with either has no mean and no rank.{more}",
         tables.len()
     )
 }
