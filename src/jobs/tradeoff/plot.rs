@@ -38,27 +38,72 @@ pub(super) fn svg(rows: &[Row]) -> Option<String> {
     (!stages.is_empty()).then_some(text)
 }
 
+/// Where a panel's dots lie, and what its axes say.
+struct Axes {
+    times: Vec<f64>,
+    fastest: f64,
+    slowest: f64,
+    largest: f64,
+}
+
+impl Axes {
+    fn of(rows: &[&Row], exact: &Row) -> Self {
+        let times: Vec<f64> = rows.iter().map(|row| row.seconds / exact.seconds).collect();
+        let differences = rows.iter().map(|row| row.difference.abs());
+        Self {
+            fastest: times.iter().copied().fold(1.0, f64::min),
+            slowest: times.iter().copied().fold(1.0, f64::max),
+            largest: differences.fold(0.0, f64::max),
+            times,
+        }
+    }
+
+    fn places(&self, rows: &[&Row]) -> Vec<(f64, f64)> {
+        let (left, right) = ((0.8 * self.fastest).ln(), (1.25 * self.slowest).ln());
+        let (across, up) = (PANEL.0 - MARGIN.0 - 20.0, PANEL.1 - 2.0 * MARGIN.1);
+        let x = |time: f64| MARGIN.0 + across * (time.ln() - left) / (right - left);
+        let y = |error: f64| {
+            let share = if self.largest > 0.0 {
+                1.0 + (error / self.largest).log10() / 3.0
+            } else {
+                0.0
+            };
+            PANEL.1 - MARGIN.1 - up * share.clamp(0.0, 1.0)
+        };
+        let rows = rows.iter().zip(&self.times);
+        rows.map(|(row, &time)| (x(time), y(row.difference.abs())))
+            .collect()
+    }
+}
+
 fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
     let exact = rows.iter().find(|row| row.exact)?;
-    let times: Vec<f64> = rows.iter().map(|row| row.seconds / exact.seconds).collect();
-    let fastest = times.iter().copied().fold(1.0, f64::min);
-    let slowest = times.iter().copied().fold(1.0, f64::max);
-    let largest = rows
+    let axes = Axes::of(rows, exact);
+    let places = axes.places(rows);
+    frame(text, (stage, exact.measure), &axes);
+    dots(text, rows, &places);
+    let mut front: Vec<(f64, f64)> = places
         .iter()
-        .map(|row| row.difference.abs())
-        .fold(0.0, f64::max);
-    let (left, right) = ((0.8 * fastest).ln(), (1.25 * slowest).ln());
-    let (across, up) = (PANEL.0 - MARGIN.0 - 20.0, PANEL.1 - 2.0 * MARGIN.1);
-    let x = |time: f64| MARGIN.0 + across * (time.ln() - left) / (right - left);
-    let y = |error: f64| {
-        let share = if largest > 0.0 {
-            1.0 + (error / largest).log10() / 3.0
-        } else {
-            0.0
-        };
-        PANEL.1 - MARGIN.1 - up * share.clamp(0.0, 1.0)
-    };
-    let measure = exact.measure;
+        .zip(rows)
+        .filter(|(_, row)| row.front)
+        .map(|(&at, _)| at)
+        .collect();
+    front.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let path: Vec<String> = front
+        .iter()
+        .map(|(x, y)| format!("{x:.1} {y:.1}"))
+        .collect();
+    let _ = writeln!(text, "<path class=\"l\" d=\"M{}\"/>", path.join("L"));
+    Some(())
+}
+
+fn frame(text: &mut String, (stage, measure): (&str, &str), axes: &Axes) {
+    let Axes {
+        fastest,
+        slowest,
+        largest,
+        ..
+    } = axes;
     let (bottom, top) = (PANEL.1 - MARGIN.1, MARGIN.1);
     let _ = writeln!(
         text,
@@ -76,12 +121,11 @@ fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
         largest / 1000.0,
         PANEL.0 - 20.0,
     );
-    let places: Vec<(f64, f64)> = rows
-        .iter()
-        .zip(&times)
-        .map(|(row, &time)| (x(time), y(row.difference.abs())))
-        .collect();
-    for (row, (x, y)) in rows.iter().zip(&places) {
+}
+
+/// A dot per row, and names beside those that matter, where there is room.
+fn dots(text: &mut String, rows: &[&Row], places: &[(f64, f64)]) {
+    for (row, (x, y)) in rows.iter().zip(places) {
         let class = if row.front { "f" } else { "d" };
         let _ = writeln!(
             text,
@@ -90,7 +134,7 @@ fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
         );
     }
     let mut taken: Vec<Area> = places.iter().map(|&at| Area::around(at)).collect();
-    for (row, &at) in rows.iter().zip(&places) {
+    for (row, &at) in rows.iter().zip(places) {
         if !(row.front || row.default) {
             continue;
         }
@@ -106,19 +150,6 @@ fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
         );
         taken.push(area);
     }
-    let mut front: Vec<(f64, f64)> = places
-        .iter()
-        .zip(rows)
-        .filter(|(_, row)| row.front)
-        .map(|(&at, _)| at)
-        .collect();
-    front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let path: Vec<String> = front
-        .iter()
-        .map(|(x, y)| format!("{x:.1} {y:.1}"))
-        .collect();
-    let _ = writeln!(text, "<path class=\"l\" d=\"M{}\"/>", path.join("L"));
-    Some(())
 }
 
 /// A rectangle of the panel.

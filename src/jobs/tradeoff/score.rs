@@ -6,13 +6,13 @@ use super::clock;
 use super::rows::{Measured, Row, rows};
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::score::plain::Preparation;
+use crate::score::plain::{self, Preparation};
 use crate::score::points::{FinitePoints, prism};
 use glam::{DMat4, DVec3};
 use mvs_datasets::layout::files;
 use mvs_metrics::Score;
 use mvs_metrics::Tolerance;
-use mvs_metrics::distance::BlockIndex;
+use mvs_metrics::distance::{self, BlockIndex, Order, listed};
 
 /// The normal distribution's quantile of a two-sided 95 % interval.
 const Z95: f64 = 1.959_964;
@@ -127,6 +127,15 @@ impl Pair {
             voxel: setting.voxel.map(|edge| edge * tau),
             ..self.preparation.clone()
         };
+        let bound = setting.bound * tau;
+        let all = setting.every == 1 && bound.is_infinite();
+        if all && setting.rounding == Rounding::None {
+            // The very path of `score`.
+            let (reconstruction, truth) = (&self.reconstruction, &self.truth);
+            let evaluation = plain::evaluate(reconstruction, self.motion, truth, &preparation)?;
+            return Ok((evaluation.score(self.tolerance), None));
+        }
+        let order = setting.voxel.map_or(Order::Any, |_| Order::Spatial);
         let mut truth = preparation.apply_to_truth(&self.truth)?.points;
         let mut reconstruction = preparation.apply(&self.reconstruction, self.motion)?.points;
         if setting.rounding != Rounding::None {
@@ -140,22 +149,24 @@ impl Pair {
                     .for_each(|point| *point = (*point - center).as_vec3().as_dvec3());
             }
         }
-        let bound = setting.bound * tau;
-        if setting.every == 1 && bound.is_infinite() {
-            let (a, b) = mvs_metrics::distance::both_ways(&reconstruction, &truth)?;
-            return Ok((Score::from_distances(&a, &b, self.tolerance), None));
+        if all {
+            let [a, b] = distance::both_ways_in(order, [reconstruction, truth])?;
+            return Ok((Score::from_distances(&a.1, &b.1, self.tolerance), None));
         }
         // Two draws: the same indices of both clouds would err together, and the interval takes them
         // as independent.
         let seed = seed.wrapping_mul(2);
         let asked = |points: &[DVec3], draw: u64| sample(points, setting.every, seed ^ draw);
         let ask = |queries: &[DVec3], cloud: &[DVec3]| -> Result<Vec<f64>> {
-            let index = BlockIndex::new(cloud)?;
-            Ok(if bound.is_finite() {
-                index.distances_below(queries, bound)
-            } else {
-                index.distances(queries)
-            })
+            let index = BlockIndex::of(&listed(cloud, order))?;
+            if bound.is_finite() {
+                return Ok(index.distances_below(queries, bound));
+            }
+            if queries.is_empty() {
+                return Ok(Vec::new());
+            }
+            // Queries keep the order of their cloud.
+            Ok(index.distances_from(&BlockIndex::of(&listed(queries, order))?))
         };
         let from_reconstruction = ask(&asked(&reconstruction, 0), &truth)?;
         let from_truth = ask(&asked(&truth, 1), &reconstruction)?;
