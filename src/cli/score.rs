@@ -41,17 +41,19 @@ pub(crate) struct ScoreArgs {
     /// With --all: take <method>/<Scene>.ply and .log from this folder of submissions
     #[arg(long, value_name = "DIR", requires = "all")]
     methods: Option<PathBuf>,
-    /// plain: the true surface as a PLY cloud
+    /// plain: the true surface, a PLY cloud or any mesh that --reconstruction takes
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// The reconstruction: a PLY cloud, or a PLY or OBJ mesh
+    /// The reconstruction: a PLY cloud, or a PLY, OBJ, GLB or glTF mesh
     #[arg(long, value_name = "FILE")]
     reconstruction: Option<PathBuf>,
     /// A 4x4 text file, reconstruction to truth: takes the place of the alignment
     #[arg(long, value_name = "FILE", conflicts_with = "trajectory")]
     transform: Option<PathBuf>,
-    /// tnt: the reconstruction's cameras as a .log; aligns by them, then by ICP
-    #[arg(long, value_name = "FILE")]
+    /// tnt: the reconstruction's cameras; aligns by them, then by ICP. A .log, whose poses are in the
+    /// scene's order; or the folder of a COLMAP model, whose images are known by their numbers
+    /// (000001.jpg is the scene's first camera), so that none can be taken for another
+    #[arg(long, value_name = "PATH")]
     trajectory: Option<PathBuf>,
     /// tnt: refine --transform by the ICP stages
     #[arg(long)]

@@ -42,13 +42,14 @@ pub struct ScoreJob {
     pub methods: Option<PathBuf>,
     /// The truth of the plain protocol.
     pub truth: Option<PathBuf>,
-    /// The reconstruction: a PLY cloud, or a PLY or OBJ mesh.
+    /// The reconstruction: a PLY cloud, or a PLY, OBJ, GLB or glTF mesh.
     pub reconstruction: PathBuf,
     /// Which points stand for a mesh.
     pub mesh_as: MeshAs,
     /// A 4×4 text file, reconstruction frame to truth frame; replaces the alignment.
     pub transform: Option<PathBuf>,
-    /// The reconstruction's cameras as a `.log`; Tanks and Temples aligns by them.
+    /// The reconstruction's cameras as a `.log`, or a folder with a COLMAP model whose images are named
+    /// by their numbers; Tanks and Temples aligns by them.
     pub trajectory: Option<PathBuf>,
     /// Whether a given transform is only a start for the ICP stages.
     pub refine: bool,
@@ -129,6 +130,11 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
 /// The unit of a protocol's distances.
 pub(super) fn unit_of(protocol: Protocol) -> &'static str {
     row::unit_of(protocol)
+}
+
+/// The part of a protocol's benchmark that a scene is of; empty where it is not known.
+pub(super) fn split_of(protocol: Protocol, scene: &str) -> &'static str {
+    row::split_of(protocol, scene)
 }
 
 /// The rows of `scores.csv`, one per tolerance.

@@ -3,9 +3,12 @@
 use super::score::{self, Protocol, ScoreDocument, ScoreJob};
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
-use crate::provenance::{Run, VERSION};
+use crate::provenance::{Run, VERSION, sorted_entries};
 use crate::report::record::{self, Record};
+use mvs_datasets::layout::files;
+use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
 use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// What a file name ends in that names its folder a scene's.
@@ -61,15 +64,18 @@ struct Files {
 }
 
 /// Scores everything that `job.all` holds. Scene folders are `ROOT/<folder>/` with the files of a
-/// Tanks and Temples scene. Methods are their sub-folders with one `.ply` and one `.log` (or one 4×4
-/// `.txt`), or, with `job.methods`, `METHODS/<method>/<Scene>.ply` beside `<Scene>.log` (or `.txt`).
+/// Tanks and Temples scene. Methods are their sub-folders with one `.ply` and one `.log` (or one `.txt`
+/// that holds a 4×4 transform), or, with `job.methods`, `METHODS/<method>/<Scene>.ply` beside `<Scene>.log` (or `.txt`).
 ///
 /// Results go to `OUT/<scene>/<method>/`, all rows to `OUT/scores.csv`; a failure is a row that says
 /// why. An error where nothing is found to score.
 pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
+    check_options(job)?;
     let root = job.all.as_deref().unwrap_or(Path::new("."));
     let tasks = find_tasks(root, job.methods.as_deref())?;
-    let out = OutDir::create(&job.out, Run::new("score", job, &[])?, context.force)?;
+    let inputs = inputs_of(&tasks);
+    let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+    let out = OutDir::create(&job.out, Run::new("score", job, &inputs)?, context.force)?;
     // What lies in a fresh folder was made by this batch.
     let inner = Context {
         force: true,
@@ -94,13 +100,60 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     Ok(BatchOutcome { rows, not_ok })
 }
 
+/// Says which options mean nothing to a batch.
+fn check_options(job: &ScoreJob) -> Result<()> {
+    let foreign = [
+        (job.scene.is_some(), "--scene"),
+        (
+            !job.reconstruction.as_os_str().is_empty(),
+            "--reconstruction",
+        ),
+        (job.transform.is_some(), "--transform"),
+        (job.trajectory.is_some(), "--trajectory"),
+        (job.name.is_some(), "--name"),
+        (job.method.is_some(), "--method"),
+        (job.truth.is_some(), "--truth"),
+        (job.crop.is_some(), "--crop"),
+        (job.voxel.is_some(), "--voxel"),
+    ];
+    match foreign.into_iter().find(|(given, _)| *given) {
+        Some((_, option)) => Err(Error::invalid(
+            option,
+            "does not go with --all, which finds scenes and methods by their folders",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Every file that is there to be read, once.
+fn inputs_of(tasks: &[Task]) -> BTreeSet<PathBuf> {
+    let mut inputs = BTreeSet::new();
+    for task in tasks {
+        if let Ok(folder) = TntFolder::open(&task.scene.path, Some(&task.scene.name)) {
+            let of_scene = [
+                folder.truth,
+                folder.crop,
+                folder.trajectory,
+                folder.transform,
+            ];
+            inputs.extend(of_scene.into_iter().chain(folder.mapping));
+        }
+        if let Ok(files) = &task.files {
+            let files = files.clone();
+            let aligned_by = files.trajectory.into_iter().chain(files.transform);
+            inputs.extend(aligned_by.chain([files.reconstruction]));
+        }
+    }
+    inputs
+}
+
 fn score_task(
     job: &ScoreJob,
     task: Task,
     out: &OutDir,
     context: &Context<'_>,
 ) -> Result<ScoreDocument> {
-    let files = task.files?;
+    let inputs = task.files?;
     let folder = Path::new(&task.scene.name).join(&task.method);
     let job = ScoreJob {
         all: None,
@@ -109,9 +162,10 @@ fn score_task(
         scene: Some(task.scene.path),
         name: Some(task.scene.name),
         method: Some(task.method),
-        reconstruction: files.reconstruction,
-        trajectory: files.trajectory,
-        transform: files.transform,
+        reconstruction: inputs.reconstruction,
+        trajectory: inputs.trajectory,
+        refine: job.refine && inputs.transform.is_some(),
+        transform: inputs.transform,
         out: out.file(folder),
         ..job.clone()
     };
@@ -141,11 +195,15 @@ fn reported(
         }
         Err(error) => {
             let status = format!("failed: {error}");
+            let tau = job.tau.first().copied();
             let record = Record {
                 protocol: Protocol::Tnt.to_string(),
                 profile: job.profile.to_string(),
                 method: method.clone(),
+                split: score::split_of(Protocol::Tnt, &scene).into(),
                 scene: scene.clone(),
+                threshold: tau.or_else(|| known_tolerance(&scene)),
+                unit: score::unit_of(Protocol::Tnt).into(),
                 seed: Some(job.seed),
                 status: status.clone(),
                 tool_version: VERSION.into(),
@@ -176,6 +234,19 @@ fn find_tasks(root: &Path, methods: Option<&Path>) -> Result<Vec<Task>> {
             name,
         }));
     }
+    let mut folders = BTreeMap::new();
+    for scene in &scenes {
+        if let Some(other) = folders.insert(scene.name.as_str(), &scene.path) {
+            let problem = format!(
+                "expected one folder per scene, found {} and {} with the files of {}: one's results \
+                 would replace the other's; move one of them away",
+                other.display(),
+                scene.path.display(),
+                scene.name
+            );
+            return Err(Error::invalid(root.display().to_string(), problem));
+        }
+    }
     let mut tasks = Vec::new();
     for scene in &scenes {
         match methods {
@@ -200,7 +271,12 @@ fn submitted(scene: &SceneFolder, methods: &Path) -> Result<Vec<Task>> {
         let file = |extension: &str| folder.join(format!("{}.{extension}", scene.name));
         let there = |extension: &str| Some(file(extension)).filter(|path| path.is_file());
         let files = match there("ply") {
-            Some(reconstruction) => aligned(reconstruction, there("log"), there("txt"), &folder),
+            Some(reconstruction) => aligned(
+                reconstruction,
+                there("log").as_slice(),
+                there("txt").as_slice(),
+                &folder,
+            ),
             None => Err(missing(&folder, &format!("{}.ply", scene.name))),
         };
         Task {
@@ -217,20 +293,18 @@ fn beside(scene: &SceneFolder) -> Result<Vec<Task>> {
     let mut tasks = Vec::new();
     for folder in folders_of(&scene.path)? {
         let files = files_of(&folder)?;
-        let ending = |extension: &str| -> Vec<&PathBuf> {
+        let ending = |extension: &str| -> Vec<PathBuf> {
             let has = |file: &&PathBuf| file.extension().is_some_and(|found| found == extension);
-            files.iter().filter(has).collect()
+            files.iter().filter(has).cloned().collect()
         };
-        let only = |extension: &str| match ending(extension).as_slice() {
-            [one] => Some((*one).clone()),
-            _ => None,
-        };
-        if ending("ply").is_empty() && ending("log").is_empty() {
+        let clouds = ending("ply");
+        if clouds.is_empty() && ending("log").is_empty() {
             continue;
         }
-        let files = match only("ply") {
-            Some(reconstruction) => aligned(reconstruction, only("log"), only("txt"), &folder),
-            None => Err(missing(&folder, ".ply that is the only one")),
+        let files = match clouds.as_slice() {
+            [one] => aligned(one.clone(), &ending("log"), &ending("txt"), &folder),
+            [] => Err(missing(&folder, ".ply")),
+            several => Err(too_many(&folder, ".ply", several)),
         };
         tasks.push(Task {
             scene: scene.clone(),
@@ -241,23 +315,51 @@ fn beside(scene: &SceneFolder) -> Result<Vec<Task>> {
     Ok(tasks)
 }
 
+/// The reconstruction with its one log or, where there is no log, its one text file that holds a
+/// transform.
 fn aligned(
     reconstruction: PathBuf,
-    trajectory: Option<PathBuf>,
-    transform: Option<PathBuf>,
+    logs: &[PathBuf],
+    texts: &[PathBuf],
     folder: &Path,
 ) -> Result<Files> {
-    if trajectory.is_none() && transform.is_none() {
-        return Err(missing(
-            folder,
-            ".log of its cameras and no .txt with its transform",
-        ));
-    }
+    let (trajectory, transform) = match logs {
+        [log] => (Some(log.clone()), None),
+        [] => {
+            let holds = |text: &&PathBuf| files::read_similarity(text).is_ok();
+            let transforms: Vec<PathBuf> = texts.iter().filter(holds).cloned().collect();
+            match (transforms.as_slice(), texts) {
+                ([one], _) => (None, Some(one.clone())),
+                // Its own reader says best what is wrong with it.
+                ([], [one]) => return Err(unreadable_transform(one, folder)),
+                ([], _) => {
+                    let what = ".log of its cameras and no .txt with its transform";
+                    return Err(missing(folder, what));
+                }
+                (several, _) => return Err(too_many(folder, ".txt with a transform", several)),
+            }
+        }
+        several => return Err(too_many(folder, ".log", several)),
+    };
     Ok(Files {
-        transform: transform.filter(|_| trajectory.is_none()),
         reconstruction,
         trajectory,
+        transform,
     })
+}
+
+/// Why a folder's only text is no transform.
+fn unreadable_transform(text: &Path, folder: &Path) -> Error {
+    let why = files::read_similarity(text).err();
+    let why = why.map_or_else(String::new, |error| format!(" ({error})"));
+    let what = format!(".log of its cameras and no .txt with its transform{why}");
+    missing(folder, &what)
+}
+
+fn too_many(folder: &Path, what: &str, found: &[PathBuf]) -> Error {
+    let names: Vec<String> = found.iter().map(|path| name_of(path)).collect();
+    let problem = format!("expected one {what}, found {}", names.join(", "));
+    Error::invalid(folder.display().to_string(), problem)
 }
 
 fn missing(folder: &Path, what: &str) -> Error {
@@ -270,25 +372,13 @@ fn name_of(path: &Path) -> String {
 }
 
 fn folders_of(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut all = entries_of(folder)?;
+    let mut all = sorted_entries(folder)?;
     all.retain(|path| path.is_dir());
     Ok(all)
 }
 
 fn files_of(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut all = entries_of(folder)?;
+    let mut all = sorted_entries(folder)?;
     all.retain(|path| path.is_file());
     Ok(all)
-}
-
-/// Everything in `folder`, by name.
-fn entries_of(folder: &Path) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(folder).map_err(mvs_datasets::Error::io(folder, "read"))?;
-    let mut paths = Vec::new();
-    for entry in entries {
-        let entry = entry.map_err(mvs_datasets::Error::io(folder, "read"))?;
-        paths.push(entry.path());
-    }
-    paths.sort();
-    Ok(paths)
 }

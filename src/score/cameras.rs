@@ -26,6 +26,8 @@ pub struct Trajectories {
     pub reference: Vec<LogPose>,
     /// Which video frame each reference pose is, where the scene is a video.
     pub mapping: Option<Mapping>,
+    /// Whether the reconstruction's poses were put in the reference's order by their images' names.
+    pub named: bool,
     /// From the frame of the reference poses to the frame of the truth.
     pub truth_from_reference: DMat4,
 }
@@ -48,6 +50,10 @@ pub struct Match {
 pub struct Matches {
     /// In the order of the reference.
     pub matches: Vec<Match>,
+    /// Poses of the reconstruction's log as it is.
+    pub log: usize,
+    /// Frames of the scene's video, where a mapping file told which poses to take.
+    pub video_frames: Option<usize>,
     /// Poses of the reconstruction, after the mapping of a video log.
     pub given: usize,
     /// Poses of the reference.
@@ -66,6 +72,8 @@ pub enum MatchedBy {
     Mapping,
     /// The first number of each pose's line: the log skips images and says which.
     Number,
+    /// The names of the images.
+    Name,
 }
 
 impl Matches {
@@ -99,6 +107,12 @@ impl Trajectories {
         });
         Ok(Matches {
             matches: matches.collect(),
+            log: self.given.len(),
+            video_frames: self
+                .mapping
+                .as_ref()
+                .filter(|_| by == MatchedBy::Mapping)
+                .map(|mapping| mapping.video_frames),
             given: given.iter().flatten().count(),
             reference: self.reference.len(),
             by,
@@ -107,6 +121,9 @@ impl Trajectories {
 
     /// Per camera of the reference its pose in the reconstruction's log, if that has one.
     fn given_by_reference(&self, profile: Profile) -> Result<(Vec<Option<&LogPose>>, MatchedBy)> {
+        if self.named {
+            return Ok((self.given.iter().map(Some).collect(), MatchedBy::Name));
+        }
         if let Some(mapping) = self.needed_mapping()? {
             let frame = |&(_, frame): &(usize, usize)| {
                 let pose = frame.checked_sub(1).and_then(|index| self.given.get(index));
@@ -329,6 +346,7 @@ mod tests {
             given,
             reference,
             mapping: None,
+            named: false,
             truth_from_reference,
         }
     }
@@ -411,6 +429,7 @@ mod tests {
             given,
             reference,
             mapping: None,
+            named: false,
             truth_from_reference: motion,
         };
         let error = trajectories.matches(Profile::Strict).unwrap_err();

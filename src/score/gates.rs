@@ -7,11 +7,12 @@ use super::cameras::{CameraFit, MatchedBy};
 use super::evaluation::Evaluation;
 use super::plain::span;
 use super::refine::Stage;
+use super::tnt::Profile;
 use crate::error::Result;
 use glam::DVec3;
 use mvs_datasets::scene::Aabb;
 use mvs_metrics::Tolerance;
-use mvs_metrics::align::{IcpOptions, icp};
+use mvs_metrics::align::{IcpOptions, Scale, icp};
 use serde::{Deserialize, Serialize};
 
 /// Cameras registered in both trajectories over those of the reference, at least.
@@ -150,15 +151,16 @@ pub fn of_cameras(cameras: &CameraFit, camera_distance: f64) -> Vec<Gate> {
 
 fn pose_count(cameras: &CameraFit) -> Gate {
     let matches = &cameras.matches;
-    let known = matches.by != MatchedBy::Order;
-    let off = if known {
-        0.0
-    } else {
-        matches.given as f64 - matches.reference as f64
+    let (expected, what) = match (matches.by, matches.video_frames) {
+        (MatchedBy::Mapping, Some(frames)) => (frames, "frames of the scene's video"),
+        (MatchedBy::Order, _) => (matches.reference, "cameras of the scene"),
+        // Its own numbers say which cameras the poses are.
+        _ => (matches.log, "numbered cameras of the scene"),
     };
+    let off = matches.log as f64 - expected as f64;
     let said = format!(
-        "the log has {} poses for the scene's {} cameras",
-        matches.given, matches.reference
+        "the log has {} poses for the {expected} {what}",
+        matches.log
     );
     Gate::new("pose-count", off, (Some(0.0), Some(0.0)), said).because(
         "which ones are missing or extra is not known, so later poses may belong to other cameras; \
@@ -193,6 +195,21 @@ pub fn of_stages(stages: &[Stage]) -> Vec<Gate> {
         )
         .because("the log, the transform or the reconstruction is another scene's, or ICP failed"),
     ]
+}
+
+/// What to say of a `strict` last stage that ran out of updates; `official` never means to converge.
+pub fn unconverged(stages: &[Stage], profile: Profile) -> Option<String> {
+    let last = stages.last()?;
+    let ran_out = profile == Profile::Strict && !last.converged && last.iterations > 0;
+    ran_out.then(|| {
+        format!(
+            "ICP still moved the cloud after {} updates (fitness {}, RMSE {:.3e}): the score depends a \
+             little on where it stopped",
+            last.iterations,
+            percent(last.fitness),
+            last.inlier_rmse
+        )
+    })
 }
 
 /// Whether the crop volume keeps enough of the reconstruction. `bounds` are the boxes around the
@@ -239,7 +256,7 @@ pub fn of_tolerances(evaluation: &Evaluation, tolerance: Tolerance) -> Result<Ga
     let said = format!("F is {at_tau:.3} at τ and {at_wide:.3} at 5 τ");
     let suspicious = at_wide >= HIGH_F && ratio < MIN_F_RATIO;
     let drift = if suspicious {
-        drift(evaluation, tolerance)? / tolerance.get()
+        drift(evaluation, tolerance) / tolerance.get()
     } else {
         0.0
     };
@@ -253,8 +270,9 @@ pub fn of_tolerances(evaluation: &Evaluation, tolerance: Tolerance) -> Result<Ga
     Ok(Gate::new("low-at-tau", ratio, (min, None), said).because(cause))
 }
 
-/// How far, root mean square in world units, another ICP update within 5 τ would move the cloud.
-fn drift(evaluation: &Evaluation, tolerance: Tolerance) -> Result<f64> {
+/// How far, root mean square in world units, another ICP update within 5 τ would move the cloud: by a
+/// rigid motion where its points fix no scale; 0 where they fix nothing.
+fn drift(evaluation: &Evaluation, tolerance: Tolerance) -> f64 {
     let reach = 5.0 * tolerance.get();
     let side = &evaluation.reconstruction;
     let near = side.points.iter().zip(&side.distances);
@@ -265,17 +283,27 @@ fn drift(evaluation: &Evaluation, tolerance: Tolerance) -> Result<f64> {
     let step = near.len().div_ceil(DRIFT_SAMPLE).max(1);
     let sample: Vec<DVec3> = near.into_iter().step_by(step).collect();
     if sample.is_empty() {
-        return Ok(0.0);
+        return 0.0;
     }
     let options = IcpOptions {
         max_iterations: 1,
         ..IcpOptions::new(reach)
     };
-    let update = icp(&sample, &evaluation.truth.points, &options)?.target_from_source;
+    let by = |scale| {
+        icp(
+            &sample,
+            &evaluation.truth.points,
+            &IcpOptions { scale, ..options },
+        )
+    };
+    let Ok(found) = by(options.scale).or_else(|_| by(Scale::One)) else {
+        return 0.0;
+    };
+    let update = found.target_from_source;
     let squares = sample
         .iter()
         .map(|&point| update.transform_point3(point).distance_squared(point));
-    Ok((squares.sum::<f64>() / sample.len() as f64).sqrt())
+    (squares.sum::<f64>() / sample.len() as f64).sqrt()
 }
 
 /// Whether a mesh that was read as points has triangles small enough for that. `coarse` is the

@@ -48,13 +48,15 @@ impl Preparation {
     pub fn apply_to_truth(&self, truth: &FinitePoints) -> Result<Side> {
         let side = self.apply(truth, None)?;
         if side.points.is_empty() {
-            let bounds = Aabb::around(truth.iter());
-            let problem = format!(
-                "expected points of the truth inside the crop volume, found none of {}: the truth \
-                 spans {}; is it the crop file of this scene?",
-                truth.input(),
-                span(&bounds)
-            );
+            let input = truth.input();
+            let problem = match &self.crop {
+                Some(_) => format!(
+                    "expected points of the truth inside the crop volume, found none of {input}: the \
+                     truth spans {}; is it the crop file of this scene?",
+                    span(&Aabb::around(truth.iter()))
+                ),
+                None => format!("expected finite points, found {input} and none of them finite"),
+            };
             return Err(Error::invalid("truth", problem));
         }
         Ok(side)

@@ -1,5 +1,6 @@
 //! Scoring held to what Open3D 0.20 gave for a real pair of clouds and for scenes from formulas.
 
+mod after;
 mod batch;
 mod extremes;
 mod faults;

@@ -138,7 +138,7 @@ pub(super) fn model_place(path: &Path) -> Option<PathBuf> {
 }
 
 /// `bin` or `txt`, if the folder has a model of that kind.
-fn colmap_ending(folder: &Path) -> Option<&'static str> {
+pub(super) fn colmap_ending(folder: &Path) -> Option<&'static str> {
     let has = |name: &str, ending: &str| folder.join(format!("{name}.{ending}")).is_file();
     ["bin", "txt"]
         .into_iter()
@@ -282,7 +282,7 @@ fn number_names(names: &[&str]) -> Vec<u32> {
 }
 
 /// 12 for `folder/00000012.jpg`.
-fn number_of(name: &str) -> Option<u32> {
+pub(super) fn number_of(name: &str) -> Option<u32> {
     let file = name.rsplit(['/', '\\']).next()?;
     let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
     let digits = !stem.is_empty() && stem.bytes().all(|byte| byte.is_ascii_digit());

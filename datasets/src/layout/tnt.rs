@@ -1,9 +1,11 @@
 //! A Tanks and Temples scene folder.
 
-use super::files;
-use crate::error::{Error, Result};
+use super::{cameras, files};
+use crate::error::{Error, FormatError, Result};
+use crate::format::colmap::{self, ColmapImage};
 use crate::format::log::{self, LogPose, Mapping};
 use crate::scene::{CropVolume, PointCloud, Similarity};
+use glam::DMat4;
 use std::path::{Path, PathBuf};
 
 /// τ of the training set in metres, as the toolbox's `setup.py` lists it.
@@ -106,6 +108,69 @@ impl TntFolder {
 /// Reads any `.log`.
 pub fn read_trajectory(path: &Path) -> Result<Vec<LogPose>> {
     files::read_text_with(path, log::read)
+}
+
+/// The file of images of the COLMAP model at `path`, which is a folder with a model as
+/// [`super::cameras::read_scene`] finds it; `None` where there is no model.
+pub fn model_images(path: &Path) -> Option<PathBuf> {
+    let place = cameras::model_place(path)?;
+    let ending = cameras::colmap_ending(&place)?;
+    Some(place.join(format!("images.{ending}")))
+}
+
+/// Reads a COLMAP file of images as the `.log` of a scene with `count` images, whose names are
+/// numbers: pose i is that of the image whose number is i + 1, or i where one is numbered 0. Images
+/// that the model does not have are unregistered poses, as the toolbox's converter writes them.
+pub fn read_model_trajectory(images: &Path, count: usize) -> Result<Vec<LogPose>> {
+    let read = match images.extension().is_some_and(|ending| ending == "bin") {
+        true => files::read_with(images, colmap::read_images_binary)?,
+        false => files::read_text_with(images, colmap::read_images_text)?,
+    };
+    poses_by_number(&read, count).map_err(Error::in_file(images))
+}
+
+fn poses_by_number(images: &[ColmapImage], count: usize) -> Result<Vec<LogPose>, FormatError> {
+    let number = |image: &ColmapImage| {
+        cameras::number_of(&image.name).ok_or_else(|| {
+            let problem = "expected images whose names are their numbers (000001.jpg), so that they \
+                           can be told apart, found another name: convert the model to a .log";
+            FormatError::new(format!("image {} ({})", image.id, image.name), problem)
+        })
+    };
+    let numbers = images.iter().map(number).collect::<Result<Vec<_>, _>>()?;
+    let first = u32::from(!numbers.contains(&0));
+    let unregistered = |index: usize| LogPose {
+        metadata: [index as i64, -1, 0],
+        world_from_cam: DMat4::IDENTITY,
+    };
+    let mut poses: Vec<Option<LogPose>> = vec![None; count];
+    for (image, number) in images.iter().zip(&numbers) {
+        let at =
+            |problem| FormatError::new(format!("image {} ({})", image.id, image.name), problem);
+        let index = (number - first) as usize;
+        let place = poses.get_mut(index).ok_or_else(|| {
+            at(format!(
+                "expected the number of one of the scene's {count} cameras, found {number}: is the model \
+                 of other images, or of frames of the video?"
+            ))
+        })?;
+        let pose = image.to_pose().map_err(|error| at(error.to_string()))?;
+        let mut world_from_cam = DMat4::from_mat3(pose.rotation().transpose());
+        world_from_cam.w_axis = pose.center_in_world().extend(1.0);
+        let pose = LogPose {
+            metadata: [index as i64, index as i64, 0],
+            world_from_cam,
+        };
+        if place.replace(pose).is_some() {
+            return Err(at(format!(
+                "expected each number once, found {number} twice"
+            )));
+        }
+    }
+    let poses = poses.into_iter().enumerate();
+    Ok(poses
+        .map(|(index, pose)| pose.unwrap_or_else(|| unregistered(index)))
+        .collect())
 }
 
 /// The folder's own name, also for `.` and `..`.

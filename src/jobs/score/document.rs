@@ -72,7 +72,7 @@ pub struct ScoreDocument {
     pub confidence: Option<Interval>,
     /// F-scores of the same procedure over seeds, where asked for.
     pub spread: Option<Spread>,
-    /// How a mesh was turned into points; none where the reconstruction was a cloud.
+    /// How a mesh was turned into points; none where both sides were clouds.
     pub mesh_sampling: Option<MeshAs>,
     /// Edge of the voxels over which both clouds were averaged, in world units.
     pub voxel: Option<f64>,
@@ -149,6 +149,9 @@ pub struct AtTolerance {
     pub f_score: f64,
     /// How many points got how far.
     pub counts: Counts,
+    /// Confidence interval of F, where asked for.
+    #[serde(default)]
+    pub confidence: Option<Interval>,
 }
 
 /// Summaries of the nearest distances, in world units; none where a side is empty.
@@ -178,6 +181,7 @@ impl AtTolerance {
                 reconstruction,
                 truth,
             },
+            confidence: None,
         }
     }
 }

@@ -9,13 +9,16 @@ use crate::score::sample::{self, MeshAs};
 use crate::score::tnt::Start;
 use crate::warning::Warnings;
 use mvs_datasets::format::ply;
-use mvs_datasets::layout::tnt::{TntFolder, read_trajectory};
+use mvs_datasets::layout::tnt::{TntFolder, model_images, read_model_trajectory, read_trajectory};
 use mvs_datasets::layout::{files, mesh};
 use mvs_datasets::scene::{Mesh, PointCloud};
 use std::path::{Path, PathBuf};
 
 /// The alignment's scale is known to this factor when a mesh is sampled: ICP may still change it.
 const SCALE_MARGIN: f64 = 0.9;
+
+/// The side that may be empty.
+pub(super) const RECONSTRUCTION: &str = "reconstruction";
 
 /// A cloud or a mesh.
 pub(super) enum Surface {
@@ -46,10 +49,10 @@ impl Surface {
     }
 }
 
-/// Reads a PLY cloud, or a PLY or OBJ mesh: a PLY with faces is a mesh.
+/// Reads a PLY cloud or a mesh: a PLY with faces, OBJ, GLB or glTF.
 pub(super) fn read(path: &Path, side: &str, warnings: &Warnings) -> Result<Surface> {
     if !is_mesh(path)? {
-        let cloud = files::read_cloud(path)?;
+        let cloud = files::read_with(path, ply::read_cloud)?;
         return Ok(Surface::Cloud(finite(cloud, path, side, warnings)?));
     }
     let loaded = mesh::read_meshes(&[PathBuf::from(path)])?;
@@ -59,15 +62,17 @@ pub(super) fn read(path: &Path, side: &str, warnings: &Warnings) -> Result<Surfa
     Ok(Surface::Mesh(Box::new(loaded.mesh)))
 }
 
-fn is_mesh(path: &Path) -> Result<bool> {
+/// Whether a file holds triangles.
+pub(super) fn is_mesh(path: &Path) -> Result<bool> {
     let extension = path.extension().unwrap_or_default();
-    if extension.eq_ignore_ascii_case("obj") {
+    if mesh::is_mesh(path) && !extension.eq_ignore_ascii_case("ply") {
         return Ok(true);
     }
     Ok(files::read_with(path, ply::read_summary)?.faces > 0)
 }
 
-/// The finite points of a cloud; a warning says how many others there were.
+/// The finite points of a cloud; a warning says how many others there were. A reconstruction that has
+/// no points at all scores 0, with a warning; all else without finite points is an error.
 pub(super) fn finite(
     cloud: PointCloud,
     path: &Path,
@@ -75,11 +80,16 @@ pub(super) fn finite(
     warnings: &Warnings,
 ) -> Result<FinitePoints> {
     let points = FinitePoints::of_cloud(cloud);
+    if points.input() == 0 && side == RECONSTRUCTION {
+        let message = format!("{}: the reconstruction has no points", path.display());
+        warnings.add("empty-reconstruction", message);
+        return Ok(points);
+    }
     if points.is_empty() {
-        let problem = format!(
-            "expected finite points, found {}, all at NaN or infinity",
-            points.input()
-        );
+        let problem = match points.input() {
+            0 => format!("expected points of the {side}, found none"),
+            input => format!("expected finite points, found {input}, all at NaN or infinity"),
+        };
         return Err(Error::invalid(path.display().to_string(), problem));
     }
     if points.non_finite() > 0 {
@@ -94,6 +104,19 @@ pub(super) fn finite(
     Ok(points)
 }
 
+/// The file that holds the reconstruction's cameras: a log, or the images of a COLMAP model.
+pub(super) fn trajectory_file(job: &ScoreJob) -> Result<Option<PathBuf>> {
+    let Some(path) = job.trajectory.as_deref().filter(|path| path.is_dir()) else {
+        return Ok(job.trajectory.clone());
+    };
+    let images = model_images(path).ok_or_else(|| {
+        let problem =
+            "expected a .log, or a COLMAP model in this folder or its sparse/0, found none";
+        Error::invalid(path.display().to_string(), problem)
+    })?;
+    Ok(Some(images))
+}
+
 /// Reads where the alignment starts.
 pub(super) fn read_start(job: &ScoreJob, folder: &TntFolder) -> Result<Start> {
     if let Some(path) = &job.transform {
@@ -104,10 +127,17 @@ pub(super) fn read_start(job: &ScoreJob, folder: &TntFolder) -> Result<Start> {
             Start::Given(transform)
         });
     }
-    let path = job.trajectory.as_deref().unwrap_or(Path::new(""));
+    let path = trajectory_file(job)?.unwrap_or_default();
+    let named = job.trajectory.as_ref() != Some(&path);
+    let reference = folder.read_trajectory()?;
+    let given = match named {
+        true => read_model_trajectory(&path, reference.len())?,
+        false => read_trajectory(&path)?,
+    };
     Ok(Start::Trajectories(Trajectories {
-        given: read_trajectory(path)?,
-        reference: folder.read_trajectory()?,
+        given,
+        reference,
+        named,
         mapping: folder.read_mapping()?,
         truth_from_reference: folder.read_transform()?.matrix(),
     }))

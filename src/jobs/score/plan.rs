@@ -2,6 +2,7 @@
 
 use super::ScoreJob;
 use super::document::{InputHashes, Protocol};
+use super::input;
 use crate::error::{Error, Result};
 use crate::parallel;
 use crate::provenance::sha256;
@@ -19,6 +20,8 @@ pub(super) struct Plan {
     pub(super) inputs: Vec<PathBuf>,
     /// The truth: the scene folder, or the file.
     pub(super) truth: Truth,
+    /// The file with the reconstruction's cameras.
+    trajectory: Option<PathBuf>,
 }
 
 /// Where the truth comes from.
@@ -45,7 +48,8 @@ impl Plan {
         Ok(Self {
             scene: job.name.clone().unwrap_or_else(|| stem_of(&truth)),
             tolerances: tolerances.collect::<Result<_>>()?,
-            inputs: inputs([Some(&truth), job.crop.as_ref()], job),
+            inputs: inputs([Some(&truth), job.crop.as_ref()], None, job),
+            trajectory: None,
             truth: Truth::File(truth),
         })
     }
@@ -58,10 +62,12 @@ impl Plan {
             let mapping = folder.mapping.as_ref();
             of_scene.extend([Some(&folder.trajectory), Some(&folder.transform), mapping]);
         }
+        let trajectory = input::trajectory_file(job)?;
         Ok(Self {
             scene: folder.name.clone(),
             tolerances: vec![tnt_tolerance(job, &folder.name)?],
-            inputs: inputs(of_scene, job),
+            inputs: inputs(of_scene, trajectory.as_ref(), job),
+            trajectory,
             truth: Truth::Folder(folder),
         })
     }
@@ -78,7 +84,7 @@ impl Plan {
             Some(given) => Some(given),
             None => transform.filter(|_| job.trajectory.is_some()),
         };
-        let trajectory = job.trajectory.as_ref();
+        let trajectory = self.trajectory.as_ref();
         let files = [
             Some(&job.reconstruction),
             Some(truth),
@@ -103,19 +109,48 @@ impl Plan {
 
 /// Says which options are missing or do not go together.
 fn check_options(job: &ScoreJob) -> Result<()> {
-    let problem = match job.protocol {
-        Protocol::Plain if job.scene.is_some() => {
-            "belongs to --protocol tnt; the plain protocol takes --truth"
+    if let Some(name) = &job.name {
+        check_name(name)?;
+    }
+    if job.protocol == Protocol::Tnt {
+        return check_paths(job);
+    }
+    let frame = "the plain protocol takes clouds that share a frame";
+    let aligned = "the plain protocol aligns nothing";
+    let standard = ScoreJob::default();
+    let foreign = [
+        (
+            job.scene.is_some(),
+            "--scene",
+            "the plain protocol takes --truth",
+        ),
+        (job.trajectory.is_some(), "--trajectory", frame),
+        (job.refine, "--refine", aligned),
+        (job.profile != standard.profile, "--profile", aligned),
+        (job.seeds != standard.seeds, "--seeds", aligned),
+        (job.one_profile, "--one-profile", aligned),
+        (
+            job.camera_distance.to_bits() != standard.camera_distance.to_bits(),
+            "--camera-distance",
+            aligned,
+        ),
+    ];
+    match foreign.into_iter().find(|(given, _, _)| *given) {
+        Some((_, option, why)) => {
+            let problem = format!("belongs to --protocol tnt; {why}");
+            Err(Error::invalid(option, problem))
         }
-        Protocol::Plain if job.trajectory.is_some() => {
-            return Err(Error::invalid(
-                "--trajectory",
-                "belongs to --protocol tnt; the plain protocol takes clouds that share a frame",
-            ));
-        }
-        _ => return check_paths(job),
-    };
-    Err(Error::invalid("--scene", problem))
+        None => check_paths(job),
+    }
+}
+
+/// A name begins the names of the outputs, which lie in the output folder.
+fn check_name(name: &str) -> Result<()> {
+    if name.is_empty() || name.contains(['/', '\\']) || name.starts_with("..") {
+        let problem = format!("expected a name without / and \\, found `{name}`");
+        return Err(Error::invalid("--name", problem));
+    }
+    Ok(())
 }
 
 fn check_paths(job: &ScoreJob) -> Result<()> {
@@ -142,6 +177,10 @@ fn check_paths(job: &ScoreJob) -> Result<()> {
                        transform into the frame of the truth";
         return Err(Error::invalid("--transform, --trajectory", problem));
     }
+    if job.refine && job.transform.is_none() {
+        let problem = "belongs to --transform; an alignment by cameras is always refined";
+        return Err(Error::invalid("--refine", problem));
+    }
     let foreign = [
         (job.truth.is_some(), "--truth"),
         (job.crop.is_some(), "--crop"),
@@ -159,12 +198,13 @@ fn check_paths(job: &ScoreJob) -> Result<()> {
 /// The files given, the reconstruction and how it is aligned.
 fn inputs<'a>(
     paths: impl IntoIterator<Item = Option<&'a PathBuf>>,
+    trajectory: Option<&'a PathBuf>,
     job: &'a ScoreJob,
 ) -> Vec<PathBuf> {
     let of_job = [
         Some(&job.reconstruction),
         job.transform.as_ref(),
-        job.trajectory.as_ref(),
+        trajectory,
     ];
     paths.into_iter().chain(of_job).flatten().cloned().collect()
 }

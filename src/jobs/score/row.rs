@@ -2,6 +2,7 @@
 
 use super::document::{AtTolerance, Protocol, ScoreDocument};
 use crate::report::record::Record;
+use mvs_datasets::layout::tnt::known_tolerance;
 
 /// One row per tolerance.
 pub(super) fn records(document: &ScoreDocument) -> Vec<Record> {
@@ -11,8 +12,7 @@ pub(super) fn records(document: &ScoreDocument) -> Vec<Record> {
 
 fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
     let (reconstruction, truth) = (at.counts.reconstruction, at.counts.truth);
-    let first = at.tolerance.to_bits() == document.tolerance.to_bits();
-    let confidence = document.confidence.filter(|_| first);
+    let confidence = at.confidence;
     let distances = document.distances;
     let alignment = &document.alignment;
     let trajectory = alignment.trajectory.as_ref();
@@ -27,6 +27,7 @@ fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
         protocol: document.protocol.to_string(),
         profile: profile.unwrap_or_default(),
         method: document.method.clone(),
+        split: split_of(document.protocol, &document.scene).into(),
         scene: document.scene.clone(),
         threshold: Some(at.tolerance),
         unit: unit_of(document.protocol).into(),
@@ -71,6 +72,14 @@ pub(super) fn unit_of(protocol: Protocol) -> &'static str {
     match protocol {
         Protocol::Tnt => "m",
         Protocol::Plain => "world",
+    }
+}
+
+/// The scenes that bring their own τ are the training set; others are not known.
+pub(super) fn split_of(protocol: Protocol, scene: &str) -> &'static str {
+    match protocol {
+        Protocol::Tnt if known_tolerance(scene).is_some() => "training",
+        Protocol::Tnt | Protocol::Plain => "",
     }
 }
 

@@ -94,14 +94,13 @@ impl<'a> Work<'a> {
         };
         let transform = job.transform.as_deref().map(files::read_similarity);
         let transform = transform.transpose()?.map(|transform| transform.matrix());
-        let truth = input::read(truth, "truth", &self.warnings)?;
-        let truth = self.points_of(truth, 1.0)?.0;
+        let (truth, truth_sampling, truth_gate) = self.read_plain_truth(truth)?;
         let (reconstruction, mesh_sampling, mesh_gate) =
             self.read_reconstruction(|| Ok(transform.map_or(1.0, tnt::scale_of)))?;
         self.next("scoring")?;
         let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
         let motion = transform.unwrap_or(DMat4::IDENTITY);
-        let mut checks: Vec<Gate> = mesh_gate.into_iter().collect();
+        let mut checks: Vec<Gate> = mesh_gate.into_iter().chain(truth_gate).collect();
         let boxes = Boxes::around(&reconstruction, &truth, motion);
         checks.extend(self.gates_of_place(&evaluation, &boxes)?);
         // The user says that the clouds share a frame: what looks wrong is advice here.
@@ -116,7 +115,7 @@ impl<'a> Work<'a> {
             gates: Vec::new(),
             other_profile: None,
             spread: None,
-            mesh_sampling,
+            mesh_sampling: mesh_sampling.or(truth_sampling),
             voxel: job.voxel,
         })
     }
@@ -149,6 +148,9 @@ impl<'a> Work<'a> {
         gates.extend(self.gates_of_motion(&motion));
         gates.extend(self.gates_of_place(&evaluation, &boxes)?);
         self.warn_of(&gates);
+        if let Some(said) = gates::unconverged(&motion.stages, profile) {
+            self.warnings.add("icp-not-converged", said);
+        }
         let other_profile = match inputs.as_ref().filter(|_| other_wanted) {
             Some(inputs) => self.other_profile(inputs, &evaluation)?,
             None => None,
@@ -186,6 +188,12 @@ impl<'a> Work<'a> {
         let start = input::read_start(self.job, folder)?;
         let crop = points::prism(&folder.read_crop()?)?;
         let truth = input::finite(folder.read_truth()?, &folder.truth, "truth", &self.warnings)?;
+        if input::is_mesh(&folder.truth)? {
+            let file = folder.truth.display();
+            let message =
+                format!("{file}: the truth has faces; its vertices are taken as the scan");
+            self.warnings.add("truth-is-mesh", message);
+        }
         let options = self.options(self.job.profile, self.job.seed);
         let (reconstruction, mesh_sampling, gate) =
             self.read_reconstruction(|| tnt::start_scale(&start, &options))?;
@@ -205,12 +213,36 @@ impl<'a> Work<'a> {
         &self,
         scale: impl FnOnce() -> Result<f64>,
     ) -> Result<(FinitePoints, Option<MeshAs>, Option<Gate>)> {
-        let surface = input::read(&self.job.reconstruction, "reconstruction", &self.warnings)?;
+        let surface = input::read(
+            &self.job.reconstruction,
+            input::RECONSTRUCTION,
+            &self.warnings,
+        )?;
         let Surface::Mesh(_) = &surface else {
             return Ok((self.points_of(surface, 1.0)?.0, None, None));
         };
         let (points, gate) = self.points_of(surface, scale()?)?;
         Ok((points, Some(self.job.mesh_as), gate))
+    }
+
+    /// The truth of the plain protocol, as [`Work::read_reconstruction`].
+    fn read_plain_truth(
+        &self,
+        path: &Path,
+    ) -> Result<(FinitePoints, Option<MeshAs>, Option<Gate>)> {
+        let surface = input::read(path, "truth", &self.warnings)?;
+        let how = matches!(surface, Surface::Mesh(_)).then_some(self.job.mesh_as);
+        if let Some(how) = how {
+            let file = path.display();
+            let message = format!("{file}: the truth is a mesh, turned into points by {how}");
+            self.warnings.add("truth-is-mesh", message);
+        }
+        let (points, gate) = self.points_of(surface, 1.0)?;
+        let gate = gate.map(|gate| Gate {
+            message: format!("truth: {}", gate.message),
+            ..gate
+        });
+        Ok((points, how, gate))
     }
 
     /// The points of a cloud as they are, of a mesh as the job wants them: sampled for the smallest
@@ -307,10 +339,13 @@ impl<'a> Work<'a> {
     /// The content of `score.json`.
     pub(super) fn document(&self, scored: &Scored) -> Result<ScoreDocument> {
         let job = self.job;
-        let at = |&tolerance: &Tolerance| AtTolerance::of(&scored.evaluation, tolerance);
+        let evaluation = &scored.evaluation;
+        let at = |&tolerance: &Tolerance| AtTolerance {
+            confidence: bootstrap::interval(evaluation, tolerance, job.bootstrap, job.seed),
+            ..AtTolerance::of(evaluation, tolerance)
+        };
         let by_tolerance: Vec<AtTolerance> = self.plan.tolerances.iter().map(at).collect();
         let first = by_tolerance[0];
-        let tolerance = self.plan.tolerances[0];
         let method = || plan::stem_of(&job.reconstruction);
         Ok(ScoreDocument {
             schema: SCHEMA.to_owned(),
@@ -329,7 +364,7 @@ impl<'a> Work<'a> {
             passed: scored.gates.iter().all(|gate| gate.passed),
             gates: scored.gates.clone(),
             other_profile: scored.other_profile,
-            confidence: bootstrap::interval(&scored.evaluation, tolerance, job.bootstrap, job.seed),
+            confidence: first.confidence,
             spread: scored.spread.clone(),
             mesh_sampling: scored.mesh_sampling,
             voxel: scored.voxel,

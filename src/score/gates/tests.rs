@@ -16,6 +16,8 @@ fn cameras(registered: usize, inliers: usize) -> CameraFit {
     CameraFit {
         matches: Matches {
             matches: (0..100).map(camera).collect(),
+            log: 100,
+            video_frames: None,
             given: 100,
             reference: 100,
             by: MatchedBy::Order,
@@ -99,7 +101,7 @@ fn each_fault_of_the_cameras_has_its_gate() {
 #[test]
 fn a_count_of_poses_matters_where_only_their_order_is_known() {
     let mut fit = cameras(97, 97);
-    fit.matches.given = 97;
+    (fit.matches.given, fit.matches.log) = (97, 97);
     assert_eq!(failed(&of_cameras(&fit, 0.2)), ["pose-count"]);
     fit.matches.by = MatchedBy::Number;
     assert!(failed(&of_cameras(&fit, 0.2)).is_empty());
@@ -221,4 +223,24 @@ fn a_coarse_mesh_read_as_points_fails() {
     let gate = of_mesh(0.93, "vertices");
     assert!(!gate.passed && gate.message.contains("93.0 %"), "{gate:?}");
     assert!(gate.message.contains("--mesh-as area"));
+}
+
+#[test]
+fn a_strict_alignment_that_ran_out_of_updates_is_named() {
+    let stage = |iterations: usize, converged: bool| Stage {
+        iterations,
+        converged,
+        ..stage(0.9, 1.0)
+    };
+    let said = |last: Stage, profile| unconverged(&[stage(100, false), last], profile);
+    let ran_out = said(stage(100, false), Profile::Strict).unwrap();
+    assert!(ran_out.contains("after 100 updates"), "{ran_out}");
+    assert_eq!(said(stage(7, true), Profile::Strict), None);
+    assert_eq!(said(stage(30, false), Profile::Official), None);
+    assert_eq!(
+        said(stage(0, false), Profile::Strict),
+        None,
+        "nothing to align"
+    );
+    assert_eq!(unconverged(&[], Profile::Strict), None);
 }

@@ -341,6 +341,7 @@ fn start(setting: &Setting, profile: Profile) -> DMat4 {
             .map(|(index, centre)| pose(centre, index))
             .collect(),
         mapping: None,
+        named: false,
         truth_from_reference: DMat4::IDENTITY,
     };
     let fit = cameras::fit(&trajectories, profile, 4.0 * setting.tau, 0).unwrap();

@@ -1,6 +1,7 @@
 //! Batches: every scene and method, going on after failures.
 
 use super::fixture::{Fixture, bumpy_reconstruction, given_poses, read, scan_from_own};
+use crate::support::{mvs_eval, stderr, text};
 use assert_cmd::Command;
 use mvs_eval::report::record;
 
@@ -125,4 +126,67 @@ fn the_order_in_which_files_were_made_changes_no_byte() {
     let mut reversed = methods;
     reversed.reverse();
     assert!(scores(&methods) == scores(&reversed));
+}
+
+#[test]
+fn what_a_batch_cannot_take_apart_is_named() {
+    let fixture = Fixture::new(1500);
+    for method in ["logs", "notes", "transforms"] {
+        let cloud = bumpy_reconstruction(1500);
+        fixture.put_cloud(&format!("Synth/{method}/cloud.ply"), cloud);
+    }
+    fixture.put_log("Synth/logs/one.log", &given_poses());
+    fixture.put_log("Synth/logs/two.log", &given_poses());
+    fixture.put_text("Synth/notes/readme.txt", "made on a Tuesday");
+    fixture.put_transform("Synth/transforms/t.txt", scan_from_own());
+    fixture.put_text("Synth/transforms/readme.txt", "made on a Monday");
+    let run = |more: &[&str]| {
+        let root = fixture.path("");
+        let arguments = [
+            "score",
+            "--all",
+            text(&root),
+            "--tau",
+            "0.05",
+            "--one-profile",
+        ];
+        mvs_eval(&[&arguments, more].concat())
+    };
+    let out = fixture.path("results");
+    let scored = run(&["--out", text(&out)]);
+    assert_eq!(scored.status.code(), Some(1), "{}", stderr(&scored));
+    let rows = record::read(read(&out, "scores.csv").as_bytes()).unwrap();
+    let status: Vec<&str> = rows.iter().map(|row| row.status.as_str()).collect();
+    assert!(
+        status[0].contains("expected one .log, found one.log, two.log"),
+        "{status:?}"
+    );
+    assert!(status[1].contains("no .txt with its transform (") && status[1].contains("readme.txt"));
+    assert_eq!(status[2], "ok", "the readme beside it is no transform");
+    assert!(
+        rows.iter()
+            .all(|row| row.threshold == Some(0.05) && row.unit == "m")
+    );
+    let hashes = read(&out, "run.toml");
+    for name in [
+        "Synth/Synth.ply",
+        "Synth/transforms/t.txt",
+        "Synth/transforms/cloud.ply",
+    ] {
+        assert!(hashes.contains(&format!("{name}\" = ")), "{name}: {hashes}");
+    }
+
+    let foreign = run(&["--name", "x", "--out", text(&fixture.path("x"))]);
+    assert!(stderr(&foreign).contains("--name: does not go with --all"));
+    for suffix in [".ply", ".json", "_COLMAP_SfM.log", "_trans.txt"] {
+        let bytes = std::fs::read(fixture.path(&format!("Synth/Synth{suffix}"))).unwrap();
+        crate::support::write(&fixture.path(&format!("Synth_backup/Synth{suffix}")), bytes);
+    }
+    let twice = run(&["--out", text(&fixture.path("twice"))]);
+    assert_eq!(twice.status.code(), Some(2));
+    let said = stderr(&twice);
+    assert!(
+        said.contains("Synth and ") && said.contains("Synth_backup with the files"),
+        "{said}"
+    );
 }

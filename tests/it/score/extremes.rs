@@ -196,6 +196,28 @@ fn degenerate_clouds_through_the_alignment_are_written_with_failed_gates() {
 }
 
 #[test]
+fn clouds_that_coincide_and_lie_beside_the_truth_are_named_not_refused() {
+    let truth = DVec3::new(1.0, 2.0, 3.0);
+    let beside = truth + DVec3::X * 0.03;
+    let many = vec![beside; 200_000];
+    for (name, points) in [("one point", vec![beside]), ("the same many times", many)] {
+        let fixture = empty();
+        let job = ScoreJob {
+            voxel: None,
+            ..plain(&fixture, vec![truth], points)
+        };
+        let document = run(&job).unwrap();
+        assert_eq!((document.precision, document.recall), (0.0, 0.0), "{name}");
+        let warned = document.warnings.iter().find(|w| w.code == "low-at-tau");
+        let said = &warned.unwrap_or_else(|| panic!("{name}")).message;
+        assert!(
+            said.contains("would move the cloud by 3.00 τ"),
+            "{name}: {said}"
+        );
+    }
+}
+
+#[test]
 fn disjoint_clouds_score_zero_and_say_how_far_apart_they_are() {
     let fixture = empty();
     let (truth, far) = (sheet(3, 5000, 0.0), sheet(4, 3000, 0.0));

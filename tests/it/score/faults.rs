@@ -187,6 +187,83 @@ fn a_video_log_is_thinned_by_the_mapping_file() {
         document.alignment.trajectory.unwrap().matched_by,
         MatchedBy::Mapping
     );
+    // Frames that got lost, at the end or before, leave the poses after them to others.
+    let mut short = poses;
+    short.pop();
+    fixture.put_log("rec.log", &short);
+    let document = run(&fixture.job("short", TAU)).unwrap();
+    assert_eq!(failed(&document), ["pose-count"]);
+    let said = message(&document, "pose-count");
+    assert!(said.contains("1799 poses for the 1800 frames"), "{said}");
+}
+
+/// Images of a COLMAP model, by their numbers; without turns, as the fixture's cameras are.
+fn put_model(fixture: &Fixture, images: &[(u32, DVec3)]) {
+    let line = |&(number, centre): &(u32, DVec3)| {
+        let DVec3 { x, y, z } = -centre;
+        format!("{} 1 0 0 0 {x} {y} {z} 1 {number:06}.jpg\n\n", 900 - number)
+    };
+    let lines: Vec<String> = images.iter().map(line).collect();
+    fixture.put_text("model/sparse/0/images.txt", &lines.concat());
+    fixture.put_text(
+        "model/sparse/0/cameras.txt",
+        "1 PINHOLE 64 48 50 50 32 24\n",
+    );
+}
+
+#[test]
+fn images_of_a_model_are_matched_by_their_names() {
+    let fixture = small();
+    let by_log = run(&fixture.job("log", TAU)).unwrap();
+    let poses = given_poses();
+    let centre = |index: usize| poses[index].world_from_cam.w_axis.truncate();
+    // In an order of its own, with two images missing: a log of these would be shifted.
+    let mut images: Vec<(u32, DVec3)> = (0..40).rev().map(|i| (i as u32 + 1, centre(i))).collect();
+    images.retain(|(number, _)| ![1, 21].contains(number));
+    put_model(&fixture, &images);
+    let job = |out: &str| ScoreJob {
+        trajectory: Some(fixture.path("model")),
+        ..fixture.job(out, TAU)
+    };
+    let document = run(&job("model-score")).unwrap();
+    assert_eq!(failed(&document), [""; 0]);
+    let report = document.alignment.trajectory.as_ref().unwrap();
+    assert_eq!(
+        (report.matched_by, report.registered),
+        (MatchedBy::Name, 38)
+    );
+    assert_eq!(report.inliers, 38);
+    assert!(
+        (document.f_score - by_log.f_score).abs() < 0.005,
+        "{}",
+        document.f_score
+    );
+    let row = read(&fixture.path("model-score"), "scores.csv");
+    let images_file = fixture.path("model/sparse/0/images.txt");
+    assert!(row.contains(&mvs_eval::provenance::sha256(&images_file).unwrap()));
+
+    // Numbers from 0 on.
+    let from_zero: Vec<(u32, DVec3)> = (0..40).map(|i| (i as u32, centre(i))).collect();
+    put_model(&fixture, &from_zero);
+    let document = run(&job("zero")).unwrap();
+    assert_eq!(
+        (failed(&document).len(), document.f_score),
+        (0, by_log.f_score)
+    );
+
+    put_model(&fixture, &[(41, DVec3::ZERO)]);
+    let said = run(&job("beyond")).unwrap_err().to_string();
+    assert!(
+        said.contains("images.txt") && said.contains("scene's 40 cameras, found 41"),
+        "{said}"
+    );
+    std::fs::remove_dir_all(fixture.path("model")).unwrap();
+    fixture.put_text("model/readme", "nothing");
+    let said = run(&job("none")).unwrap_err().to_string();
+    assert!(
+        said.contains("expected a .log, or a COLMAP model"),
+        "{said}"
+    );
 }
 
 /// The surface as a mesh of wide triangles, in the reconstruction's frame.

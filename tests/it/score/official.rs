@@ -137,6 +137,7 @@ fn trajectories(case: &str) -> Trajectories {
         given: reread(&given),
         reference: reread(&reference_poses()),
         mapping,
+        named: false,
         truth_from_reference: truth_from_reference(),
     }
 }

@@ -2,10 +2,13 @@
 
 use super::fixture::{Fixture, read, truth};
 use super::run;
+use crate::support::{mvs_eval, stderr, text, write};
 use glam::DVec3;
 use mvs_datasets::layout::files;
 use mvs_eval::jobs::score::{Protocol, ScoreJob};
 use mvs_eval::report::record;
+use mvs_eval::score::sample::MeshAs;
+use mvs_eval::score::tnt::Profile;
 
 fn fixture() -> (Fixture, ScoreJob) {
     let fixture = Fixture {
@@ -124,9 +127,23 @@ fn what_does_not_go_together_gets_a_sentence() {
     assert!(said(missing).contains("missing.ply"));
     let scene = ScoreJob {
         scene: Some("scene".into()),
-        ..job
+        ..job.clone()
     };
     assert!(said(scene).starts_with("--scene: "));
+    let changed: [(&str, fn(&mut ScoreJob)); 7] = [
+        ("--refine", |job| job.refine = true),
+        ("--profile", |job| job.profile = Profile::Official),
+        ("--seeds", |job| job.seeds = 3),
+        ("--one-profile", |job| job.one_profile = true),
+        ("--camera-distance", |job| job.camera_distance = 1.0),
+        ("--name", |job| job.name = Some("../elsewhere".into())),
+        ("--name", |job| job.name = Some("a\\b".into())),
+    ];
+    for (option, change) in changed {
+        let mut job = job.clone();
+        change(&mut job);
+        assert!(said(job).starts_with(&format!("{option}: ")), "{option}");
+    }
 }
 
 #[test]
@@ -141,4 +158,144 @@ fn the_interval_holds_the_score() {
     let interval = document.confidence.unwrap();
     assert!(interval.lower <= document.f_score && document.f_score <= interval.upper);
     assert_eq!(interval.resamples, 200);
+}
+
+#[test]
+fn every_tolerance_has_an_interval_of_its_own() {
+    let (fixture, job) = fixture();
+    let document = run(&ScoreJob {
+        tau: vec![0.0105, 0.003],
+        bootstrap: 100,
+        ..job
+    })
+    .unwrap();
+    assert_eq!(document.confidence, document.by_tolerance[0].confidence);
+    let rows = record::read(read(&fixture.path("out"), "scores.csv").as_bytes()).unwrap();
+    assert_eq!(rows.len(), 2);
+    for row in &rows {
+        let (f, low, high) = (
+            row.fscore.unwrap(),
+            row.f_ci_lo.unwrap(),
+            row.f_ci_hi.unwrap(),
+        );
+        assert!(low <= f && f <= high, "{low} {f} {high}");
+    }
+    assert!(rows[0].f_ci_hi < rows[1].f_ci_lo, "{rows:?}");
+}
+
+#[test]
+fn a_reconstruction_without_points_scores_zero_and_a_truth_without_points_is_an_error() {
+    let (fixture, job) = fixture();
+    fixture.put_cloud("empty.ply", Vec::new());
+    for (out, voxel) in [("empty", None), ("empty-voxels", Some(0.01))] {
+        let document = run(&ScoreJob {
+            reconstruction: fixture.path("empty.ply"),
+            voxel,
+            out: fixture.path(out),
+            ..job.clone()
+        })
+        .unwrap();
+        assert_eq!(
+            (document.precision, document.recall, document.f_score),
+            (0.0, 0.0, 0.0)
+        );
+        let codes = document
+            .warnings
+            .iter()
+            .map(|warning| warning.code.as_str());
+        assert!(codes.clone().any(|code| code == "empty-reconstruction"));
+        assert!(document.counts.truth.evaluated > 0);
+    }
+    let tnt = Fixture::new(1000);
+    tnt.put_cloud("rec.ply", Vec::new());
+    let document = run(&tnt.job("out", 0.05)).unwrap();
+    assert!(
+        !document.passed && document.f_score == 0.0,
+        "{:?}",
+        document.gates
+    );
+    let report = mvs_eval(&[
+        "report",
+        text(&fixture.path("empty")),
+        "--out",
+        text(&fixture.path("report")),
+    ]);
+    assert!(report.status.success(), "{}", stderr(&report));
+    let no_truth = ScoreJob {
+        truth: Some(fixture.path("empty.ply")),
+        out: fixture.path("none"),
+        ..job
+    };
+    let said = run(&no_truth).unwrap_err().to_string();
+    assert!(
+        said.contains("expected points of the truth, found none"),
+        "{said}"
+    );
+}
+
+/// Two triangles over [0, 1]² at z = 0 in every mesh format that is read.
+#[test]
+fn meshes_of_every_format_are_read_on_both_sides_and_recorded() {
+    let (fixture, job) = fixture();
+    let corners = [
+        [0.0f32, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [1.0, 1.0, 0.0],
+        [0.0, 1.0, 0.0],
+    ];
+    let mut bytes: Vec<u8> = corners
+        .iter()
+        .flatten()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    bytes.extend([0u16, 1, 2, 0, 2, 3].iter().flat_map(|v| v.to_le_bytes()));
+    write(&fixture.path("square.bin"), &bytes);
+    let gltf = serde_json::json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4,
+             "min": [0, 0, 0], "max": [1, 1, 0]},
+            {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 6}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 12}],
+        "buffers": [{"uri": "square.bin", "byteLength": 60}],
+    });
+    write(&fixture.path("square.gltf"), gltf.to_string());
+    let lines = corners.map(|[x, y, z]| format!("v {x} {y} {z}\n"));
+    write(
+        &fixture.path("square.obj"),
+        format!("{}f 1 2 3\nf 1 3 4\n", lines.concat()),
+    );
+    let grid = |i: u32| DVec3::new(f64::from(i % 101), f64::from(i / 101), 0.0) * 0.01;
+    fixture.put_cloud("grid.ply", (0..101 * 101).map(grid).collect());
+    for (truth, reconstruction) in [
+        ("square.obj", "square.gltf"),
+        ("square.gltf", "grid.ply"),
+        ("grid.ply", "square.obj"),
+    ] {
+        let score = |mesh_as: MeshAs| {
+            run(&ScoreJob {
+                truth: Some(fixture.path(truth)),
+                reconstruction: fixture.path(reconstruction),
+                tau: vec![0.05],
+                mesh_as,
+                out: fixture.path(&format!("{truth}-{reconstruction}-{mesh_as}")),
+                ..job.clone()
+            })
+            .unwrap()
+        };
+        let sampled = score(MeshAs::Area);
+        assert!(sampled.f_score > 0.99, "{}", sampled.f_score);
+        assert_eq!(sampled.mesh_sampling, Some(MeshAs::Area));
+        let warned = |code: &str| sampled.warnings.iter().any(|warning| warning.code == code);
+        assert_eq!(warned("truth-is-mesh"), truth != "grid.ply");
+        let vertices = score(MeshAs::Vertices);
+        let coarse = vertices
+            .warnings
+            .iter()
+            .find(|w| w.code == "mesh-too-coarse");
+        assert!(coarse.is_some(), "{:?}", vertices.warnings);
+    }
 }
