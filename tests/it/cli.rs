@@ -194,11 +194,11 @@ fn empty_clouds_and_wrong_formats_are_named() {
     write(&path("point.ply"), ONE_POINT);
     write(&path("text.ply"), "this is no cloud\n");
     let (point, out) = (path("point.ply"), path("out"));
-    let score = |reconstruction: &Path, parts: &[&str]| {
+    let score = |truth: &Path, reconstruction: &Path, parts: &[&str]| {
         let arguments = [
             "score",
             "--truth",
-            text(&point),
+            text(truth),
             "--reconstruction",
             text(reconstruction),
         ];
@@ -207,9 +207,10 @@ fn empty_clouds_and_wrong_formats_are_named() {
         assert_refused(&arguments, parts);
         assert!(!out.join("run.toml").exists());
     };
-    score(&path("empty.ply"), &["empty.ply"]);
-    score(&path("text.ply"), &["text.ply"]);
-    score(&path("none.ply"), &["none.ply"]);
+    let empty = ["empty.ply", "expected points of the truth"];
+    score(&path("empty.ply"), &point, &empty);
+    score(&point, &path("text.ply"), &["text.ply"]);
+    score(&point, &path("none.ply"), &["none.ply"]);
     let arguments = [
         "score",
         "--truth",
