@@ -17,7 +17,7 @@ const HEAD: usize = 8;
 pub(crate) type Pack = [f32; 3 * LANES];
 const CORNER_WORDS: usize = 2;
 /// Eight triangles: their first, second and third corners, then their numbers.
-pub(crate) type Group = [f32; 3 * CORNER_WORDS + LANES];
+type Group = [f32; 3 * CORNER_WORDS + LANES];
 
 /// A cluster, read where it lies.
 #[derive(Debug, Clone, Copy)]
@@ -56,48 +56,71 @@ impl<'c> Cluster<'c> {
         }
     }
 
-    /// Groups of triangles, each with how many of its lanes are used.
+    /// How many triangles it has.
     #[inline(always)]
-    pub(crate) fn groups(&self) -> impl Iterator<Item = (&'c Group, usize)> {
+    pub(crate) fn count(&self) -> usize {
+        self.triangles
+    }
+
+    /// Its triangles, eight at a time.
+    #[inline(always)]
+    pub(crate) fn groups(&self) -> impl Iterator<Item = Eight> {
         let count = self.triangles;
         let used = move |first: usize| LANES.min(count - first * LANES);
         self.groups
             .iter()
             .enumerate()
-            .map(move |(index, group)| (group, used(index)))
+            .map(move |(index, group)| Eight::read(group, used(index)))
     }
 
     /// All triangles: the vertices of their corners, their numbers in the mesh.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = ([usize; 3], u32)> {
-        self.groups().flat_map(|(group, used)| {
-            let places = places(group);
-            (0..used).map(move |lane| {
-                let corners = [0, 1, 2].map(|corner| usize::from(places[corner][lane]));
-                (corners, number(group, lane))
+        self.groups().flat_map(|eight| {
+            (0..eight.used).map(move |lane| {
+                let corners = [0, 1, 2].map(|corner| usize::from(eight.places[corner][lane]));
+                (corners, eight.number(lane))
             })
         })
     }
 }
 
-/// Which vertices of the cluster the corners of eight triangles are; the first where there is none.
-#[inline(always)]
-pub(crate) fn places(group: &Group) -> [[u8; LANES]; 3] {
-    let mut places = [[0; LANES]; 3];
-    for corner in 0..3 {
-        let [low, high] = [
-            group[CORNER_WORDS * corner],
-            group[CORNER_WORDS * corner + 1],
-        ];
-        let word = u64::from(low.to_bits()) | u64::from(high.to_bits()) << 32;
-        places[corner] = word.to_le_bytes();
-    }
-    places
+/// Eight triangles of a cluster.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Eight {
+    /// Which vertices of the cluster their corners are; the first where there is none.
+    pub(crate) places: [[u8; LANES]; 3],
+    /// Their numbers in the mesh, as bits.
+    pub(crate) numbers: [f32; LANES],
+    /// How many there are.
+    pub(crate) used: usize,
 }
 
-/// The number of a triangle in the mesh.
-#[inline(always)]
-pub(crate) fn number(group: &Group, lane: usize) -> u32 {
-    group[3 * CORNER_WORDS + lane % LANES].to_bits()
+impl Eight {
+    #[inline(always)]
+    fn read(group: &Group, used: usize) -> Self {
+        let mut places = [[0; LANES]; 3];
+        for corner in 0..3 {
+            let [low, high] = [
+                group[CORNER_WORDS * corner],
+                group[CORNER_WORDS * corner + 1],
+            ];
+            let word = u64::from(low.to_bits()) | u64::from(high.to_bits()) << 32;
+            places[corner] = word.to_le_bytes();
+        }
+        let mut numbers = [0.0; LANES];
+        numbers.copy_from_slice(&group[3 * CORNER_WORDS..]);
+        Self {
+            places,
+            numbers,
+            used,
+        }
+    }
+
+    /// The number of a triangle in the mesh.
+    #[inline(always)]
+    pub(crate) fn number(&self, lane: usize) -> u32 {
+        self.numbers[lane % LANES].to_bits()
+    }
 }
 
 /// A cluster in the making.

@@ -8,6 +8,7 @@ pub(crate) trait Doubles: Copy {
     /// Four f64.
     type D: Copy;
     fn load_f64(self, values: &[f64; FOUR]) -> Self::D;
+    fn store_f64(self, values: Self::D) -> [f64; FOUR];
     fn splat_f64(self, value: f64) -> Self::D;
     fn add_f64(self, a: Self::D, b: Self::D) -> Self::D;
     fn sub_f64(self, a: Self::D, b: Self::D) -> Self::D;
@@ -27,6 +28,11 @@ impl Doubles for super::lanes::Plain {
     #[inline(always)]
     fn load_f64(self, values: &[f64; FOUR]) -> Self::D {
         *values
+    }
+
+    #[inline(always)]
+    fn store_f64(self, values: Self::D) -> [f64; FOUR] {
+        values
     }
 
     #[inline(always)]
@@ -74,11 +80,11 @@ impl Doubles for super::lanes::Plain {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
+    use super::super::avx::Wide;
     use super::{Doubles, FOUR};
-    use pulp::x86::V3;
     use pulp::{cast, f64x4};
 
-    impl Doubles for V3 {
+    impl<W: Wide> Doubles for W {
         type D = f64x4;
 
         #[inline(always)]
@@ -87,34 +93,39 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn store_f64(self, values: f64x4) -> [f64; FOUR] {
+            cast(values)
+        }
+
+        #[inline(always)]
         fn splat_f64(self, value: f64) -> f64x4 {
-            self.splat_f64x4(value)
+            self.v3().splat_f64x4(value)
         }
 
         #[inline(always)]
         fn add_f64(self, a: f64x4, b: f64x4) -> f64x4 {
-            self.add_f64x4(a, b)
+            self.v3().add_f64x4(a, b)
         }
 
         #[inline(always)]
         fn sub_f64(self, a: f64x4, b: f64x4) -> f64x4 {
-            self.sub_f64x4(a, b)
+            self.v3().sub_f64x4(a, b)
         }
 
         #[inline(always)]
         fn mul_f64(self, a: f64x4, b: f64x4) -> f64x4 {
-            self.mul_f64x4(a, b)
+            self.v3().mul_f64x4(a, b)
         }
 
         #[inline(always)]
         fn div_f64(self, a: f64x4, b: f64x4) -> f64x4 {
-            self.div_f64x4(a, b)
+            self.v3().div_f64x4(a, b)
         }
 
         #[inline(always)]
         fn transpose(self, rows: [f64x4; FOUR]) -> [f64x4; FOUR] {
             let [a, b, c, d] = rows.map(cast);
-            let avx = self.avx;
+            let avx = self.v3().avx;
             let (even, odd) = (avx._mm256_unpacklo_pd(a, b), avx._mm256_unpackhi_pd(a, b));
             let (even2, odd2) = (avx._mm256_unpacklo_pd(c, d), avx._mm256_unpackhi_pd(c, d));
             [
@@ -127,16 +138,16 @@ mod x86 {
 
         #[inline(always)]
         fn round(self, a: f64x4) -> [f32; FOUR] {
-            cast(self.avx._mm256_cvtpd_ps(cast(a)))
+            cast(self.v3().avx._mm256_cvtpd_ps(cast(a)))
         }
 
         #[inline(always)]
         fn round_pairs(self, a: f64x4, b: f64x4) -> [[f32; 2]; FOUR] {
-            let a = self.avx._mm256_cvtpd_ps(cast(a));
-            let b = self.avx._mm256_cvtpd_ps(cast(b));
+            let a = self.v3().avx._mm256_cvtpd_ps(cast(a));
+            let b = self.v3().avx._mm256_cvtpd_ps(cast(b));
             let halves = [
-                self.sse._mm_unpacklo_ps(a, b),
-                self.sse._mm_unpackhi_ps(a, b),
+                self.v3().sse._mm_unpacklo_ps(a, b),
+                self.v3().sse._mm_unpackhi_ps(a, b),
             ];
             cast(halves)
         }

@@ -7,6 +7,8 @@ use super::doubles::Doubles;
 
 /// Numbers side by side.
 pub(crate) const LANES: usize = 8;
+/// Values of a table: any byte is a place.
+pub(crate) const TABLE: usize = 256;
 /// All of them, as bits.
 pub(crate) const ALL: u32 = (1 << LANES) - 1;
 
@@ -52,6 +54,49 @@ pub(crate) trait Lanes: Doubles {
     fn differ(self, a: &[u32; LANES], b: &[u32; LANES]) -> u32;
     /// `new` in the lanes whose bit is set.
     fn pick(self, bits: u32, new: Self::V, old: Self::V) -> Self::V;
+    /// A table's values at three times eight places, which are below 64 where they are `few`.
+    fn gather(self, table: &[f32; TABLE], few: bool, places: &[[u8; LANES]; 3]) -> [Self::V; 3];
+    /// The lanes whose bit is set, moved to the front in their order; anything behind them.
+    fn pack(self, bits: u32, values: Self::V) -> Self::V;
+    /// As [`Self::pack`].
+    fn pack_bytes(self, bits: u32, bytes: [u8; LANES]) -> [u8; LANES];
+    /// The least of the lanes, if none is NaN.
+    fn least(self, values: Self::V) -> f32;
+    /// The greatest of the lanes, if none is NaN.
+    #[inline(always)]
+    fn greatest(self, values: Self::V) -> f32 {
+        -self.least(self.sub(self.splat(0.0), values))
+    }
+}
+
+/// Which lanes come first when those with a bit set are packed: a byte each.
+pub(crate) const PACKED: [u64; 1 << LANES] = {
+    let mut orders = [0; 1 << LANES];
+    let mut bits = 0;
+    while bits < orders.len() {
+        let (mut count, mut lane) = (0, 0);
+        while lane < LANES {
+            if bits >> lane & 1 == 1 {
+                orders[bits] |= (lane as u64) << (8 * count);
+                count += 1;
+            }
+            lane += 1;
+        }
+        bits += 1;
+    }
+    orders
+};
+
+/// A table's values at places, one by one.
+#[inline(always)]
+pub(crate) fn gathered(table: &[f32; TABLE], places: &[[u8; LANES]; 3]) -> [[f32; LANES]; 3] {
+    let mut values = [[0.0; LANES]; 3];
+    for corner in 0..3 {
+        for lane in 0..LANES {
+            values[corner][lane] = table[usize::from(places[corner][lane])];
+        }
+    }
+    values
 }
 
 /// Work written once for all sets of instructions.
@@ -65,8 +110,15 @@ pub(crate) trait Task {
 #[inline]
 pub(crate) fn dispatch<T: Task>(task: T) -> T::Output {
     #[cfg(test)]
-    if forced::is_plain() {
-        return task.run(Plain);
+    if let Some(width) = forced::width() {
+        return forced::dispatch(task, width);
+    }
+    #[cfg(target_arch = "x86_64")]
+    if let Some(widest) = pulp::x86::V4::try_new() {
+        return widest.vectorize(
+            #[inline(always)]
+            || task.run(widest),
+        );
     }
     #[cfg(target_arch = "x86_64")]
     if let Some(wide) = pulp::x86::V3::try_new() {
@@ -78,20 +130,43 @@ pub(crate) fn dispatch<T: Task>(task: T) -> T::Output {
     task.run(Plain)
 }
 
-/// Lets a test have whole pictures made without the machine's best instructions. Tests beside it may
-/// be met by this, which must not change what they find.
+/// Lets a test have whole pictures made by another set of instructions than the machine's best. Tests
+/// beside it may be met by this, which must not change what they find.
 #[cfg(test)]
 pub(crate) mod forced {
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use super::{Plain, Task};
+    use std::sync::atomic::{AtomicU8, Ordering};
 
-    static PLAIN: AtomicBool = AtomicBool::new(false);
-
-    pub(crate) fn plain(on: bool) {
-        PLAIN.store(on, Ordering::SeqCst);
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub(crate) enum Width {
+        Plain = 1,
+        Avx2 = 2,
     }
 
-    pub(super) fn is_plain() -> bool {
-        PLAIN.load(Ordering::SeqCst)
+    static WIDTH: AtomicU8 = AtomicU8::new(0);
+
+    pub(crate) fn force(width: Option<Width>) {
+        WIDTH.store(width.map_or(0, |width| width as u8), Ordering::SeqCst);
+    }
+
+    pub(super) fn width() -> Option<Width> {
+        match WIDTH.load(Ordering::SeqCst) {
+            1 => Some(Width::Plain),
+            2 => Some(Width::Avx2),
+            _ => None,
+        }
+    }
+
+    pub(super) fn dispatch<T: Task>(task: T, width: Width) -> T::Output {
+        #[cfg(target_arch = "x86_64")]
+        if let (Width::Avx2, Some(wide)) = (width, pulp::x86::V3::try_new()) {
+            return wide.vectorize(
+                #[inline(always)]
+                || task.run(wide),
+            );
+        }
+        let _ = width;
+        task.run(Plain)
     }
 }
 
@@ -276,151 +351,28 @@ impl Lanes for Plain {
         }
         result
     }
-}
 
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{LANES, Lanes};
-    use pulp::x86::V3;
-    use pulp::{cast, f32x8, m32x8, u32x8};
-
-    const BITS: u32x8 = u32x8(1, 2, 4, 8, 16, 32, 64, 128);
-
-    /// `new` where the mask says so, by a way that the compiler does not see through. What it knows
-    /// to be chosen by a mask and stored where the rest came from becomes a masked store, which AMD's
-    /// processors take tens of cycles for.
     #[inline(always)]
-    fn merge(wide: V3, mask: m32x8, new: u32x8, old: u32x8) -> u32x8 {
-        let ones = cast(wide.splat_u32x8(1));
-        let mask = wide.avx2._mm256_sign_epi32(ones, cast(mask));
-        let new = wide.avx2._mm256_and_si256(mask, cast(new));
-        let old = wide.avx2._mm256_andnot_si256(mask, cast(old));
-        cast(wide.avx2._mm256_or_si256(new, old))
+    fn gather(self, table: &[f32; TABLE], _: bool, places: &[[u8; LANES]; 3]) -> [Self::V; 3] {
+        gathered(table, places)
     }
 
-    impl Lanes for V3 {
-        type V = f32x8;
-        type M = m32x8;
+    #[inline(always)]
+    fn pack(self, bits: u32, values: Self::V) -> Self::V {
+        let order = PACKED[bits as usize % PACKED.len()].to_le_bytes();
+        order.map(|lane| values[usize::from(lane)])
+    }
 
-        #[inline(always)]
-        fn load(self, values: &[f32; LANES]) -> f32x8 {
-            cast(*values)
-        }
+    #[inline(always)]
+    fn pack_bytes(self, bits: u32, bytes: [u8; LANES]) -> [u8; LANES] {
+        let order = PACKED[bits as usize % PACKED.len()].to_le_bytes();
+        order.map(|lane| bytes[usize::from(lane)])
+    }
 
-        #[inline(always)]
-        fn store(self, values: f32x8) -> [f32; LANES] {
-            cast(values)
-        }
-
-        #[inline(always)]
-        fn splat(self, value: f32) -> f32x8 {
-            self.splat_f32x8(value)
-        }
-
-        #[inline(always)]
-        fn bytes(self, values: [u8; LANES]) -> f32x8 {
-            let values = cast([u64::from_le_bytes(values), 0]);
-            cast(
-                self.avx
-                    ._mm256_cvtepi32_ps(self.avx2._mm256_cvtepu8_epi32(values)),
-            )
-        }
-
-        #[inline(always)]
-        fn add(self, a: f32x8, b: f32x8) -> f32x8 {
-            self.add_f32x8(a, b)
-        }
-
-        #[inline(always)]
-        fn sub(self, a: f32x8, b: f32x8) -> f32x8 {
-            self.sub_f32x8(a, b)
-        }
-
-        #[inline(always)]
-        fn mul(self, a: f32x8, b: f32x8) -> f32x8 {
-            self.mul_f32x8(a, b)
-        }
-
-        #[inline(always)]
-        fn div(self, a: f32x8, b: f32x8) -> f32x8 {
-            self.div_f32x8(a, b)
-        }
-
-        #[inline(always)]
-        fn mul_add(self, a: f32x8, b: f32x8, c: f32x8) -> f32x8 {
-            self.mul_add_f32x8(a, b, c)
-        }
-
-        #[inline(always)]
-        fn min(self, a: f32x8, b: f32x8) -> f32x8 {
-            cast(self.avx._mm256_min_ps(cast(a), cast(b)))
-        }
-
-        #[inline(always)]
-        fn max(self, a: f32x8, b: f32x8) -> f32x8 {
-            cast(self.avx._mm256_max_ps(cast(a), cast(b)))
-        }
-
-        #[inline(always)]
-        fn abs(self, a: f32x8) -> f32x8 {
-            self.abs_f32x8(a)
-        }
-
-        #[inline(always)]
-        fn floor(self, a: f32x8) -> f32x8 {
-            cast(self.avx._mm256_floor_ps(cast(a)))
-        }
-
-        #[inline(always)]
-        fn ceil(self, a: f32x8) -> f32x8 {
-            cast(self.avx._mm256_ceil_ps(cast(a)))
-        }
-
-        #[inline(always)]
-        fn below(self, a: f32x8, b: f32x8) -> m32x8 {
-            self.cmp_lt_f32x8(a, b)
-        }
-
-        #[inline(always)]
-        fn and(self, a: m32x8, b: m32x8) -> m32x8 {
-            cast(self.avx._mm256_and_ps(cast(a), cast(b)))
-        }
-
-        #[inline(always)]
-        fn or(self, a: m32x8, b: m32x8) -> m32x8 {
-            cast(self.avx._mm256_or_ps(cast(a), cast(b)))
-        }
-
-        #[inline(always)]
-        fn bits(self, mask: m32x8) -> u32 {
-            self.avx._mm256_movemask_ps(cast(mask)).cast_unsigned()
-        }
-
-        #[inline(always)]
-        fn choose(self, mask: m32x8, new: f32x8, old: f32x8) -> f32x8 {
-            cast(merge(self, mask, cast(new), cast(old)))
-        }
-
-        #[inline(always)]
-        fn overwrite(self, mask: m32x8, new: u32, old: &[u32; LANES]) -> [u32; LANES] {
-            cast(merge(self, mask, self.splat_u32x8(new), cast(*old)))
-        }
-
-        #[inline(always)]
-        fn differ(self, a: &[u32; LANES], b: &[u32; LANES]) -> u32 {
-            let same: m32x8 = self.cmp_eq_u32x8(cast(*a), cast(*b));
-            !self.bits(same) & super::ALL
-        }
-
-        #[inline(always)]
-        fn pick(self, bits: u32, new: f32x8, old: f32x8) -> f32x8 {
-            let each = cast(BITS);
-            let set = self
-                .avx2
-                ._mm256_and_si256(cast(self.splat_u32x8(bits)), each);
-            let mask = self.avx2._mm256_cmpeq_epi32(set, each);
-            cast(self.avx._mm256_blendv_ps(cast(old), cast(new), cast(mask)))
-        }
+    #[inline(always)]
+    fn least(self, values: Self::V) -> f32 {
+        let less = |a: f32, b: f32| if b < a { b } else { a };
+        values.into_iter().fold(f32::INFINITY, less)
     }
 }
 
@@ -457,6 +409,37 @@ mod tests {
             results.push(l.load(&written.map(f32::from_bits)));
             let written = l.overwrite(masks[1], 7, &[9; LANES]);
             results.push(l.load(&written.map(f32::from_bits)));
+            let table = std::array::from_fn(|place| (place as f32).sqrt());
+            let places = [
+                [3, 63, 0, 31, 32, 17, 48, 5],
+                [64; LANES],
+                [9, 255, 8, 7, 6, 5, 4, 1],
+            ];
+            results.extend(l.gather(&table, false, &places));
+            let [near, _, far] = places;
+            results.extend(l.gather(
+                &table,
+                true,
+                &[near, near.map(|p| 63 - p), far.map(|p| p % 64)],
+            ));
+            // Lanes behind the packed ones may hold anything.
+            for bits in [0b1001_0110, 0b1000_0000, ALL] {
+                let packed = l.store(l.pack(bits, a));
+                let bytes = l.pack_bytes(bits, near).map(f32::from);
+                for packed in [packed, bytes] {
+                    let kept = |lane: usize| {
+                        if lane < bits.count_ones() as usize {
+                            packed[lane]
+                        } else {
+                            0.0
+                        }
+                    };
+                    results.push(l.load(&std::array::from_fn(kept)));
+                }
+            }
+            let finite = l.load(&[1.5, -2.25, 0.0, 7.0, -0.5, 3.0, 6.5, 2.0]);
+            results.push(l.splat(l.least(finite)));
+            results.push(l.splat(l.greatest(finite)));
             let masks = masks.map(|mask| l.bits(mask)).to_vec();
             let [p, q] = [self.0, self.1].map(|values| values.map(f32::to_bits));
             let differ = [l.differ(&p, &q), l.differ(&p, &p)];
@@ -472,6 +455,9 @@ mod tests {
         let a = [1.5, -2.25, 0.0, 7.0, -0.5, 3.0, f32::NAN, f32::INFINITY];
         let b = [0.5, 4.0, 0.25, 7.0, -8.0, f32::NAN, 1.0, 2.0];
         let plain = Everything(a, b).run(Plain);
+        forced::force(Some(forced::Width::Avx2));
+        let wide = dispatch(Everything(a, b));
+        forced::force(None);
         let best = dispatch(Everything(a, b));
         let bits = |values: &[[f32; LANES]]| -> Vec<[u32; LANES]> {
             let canonical = |value: f32| if value.is_nan() { f32::NAN } else { value };
@@ -480,8 +466,14 @@ mod tests {
                 .map(|v| v.map(|x| canonical(x).to_bits()))
                 .collect()
         };
-        assert_eq!(bits(&plain.0), bits(&best.0));
-        assert_eq!(plain.1, best.1);
+        for fast in [&wide, &best] {
+            assert_eq!(bits(&plain.0), bits(&fast.0));
+            assert_eq!(plain.1, fast.1);
+        }
+        let [least, greatest] = [plain.0.len() - 2, plain.0.len() - 1].map(|k| plain.0[k][0]);
+        assert_eq!((least, greatest), (-2.25, 7.0));
+        let packed = plain.0[plain.0.len() - 8];
+        assert_eq!(packed[..3], [a[1], a[2], a[4]], "lanes 1, 2, 4 and 7");
         let less = [0b0000_0110, 0b1001_0001, 0];
         assert_eq!(plain.1[..3], less);
         assert_eq!(

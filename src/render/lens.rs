@@ -21,7 +21,10 @@ const MOST_ERROR: f32 = 0.05;
 /// By how much the place of a sample behind a lens may be off: the rounding of a number up to 128.
 const SAMPLE_ERROR: f32 = 1e-5;
 /// Places for the vertices of a cluster: any u8 is one.
-pub(crate) const PLACES: usize = 256;
+pub(crate) const PLACES: usize = super::lanes::TABLE;
+
+/// Vertices that [`Lanes::gather`] calls few.
+const FEW: usize = 64;
 
 /// Where a tile lies: the grid and its first sample there.
 #[derive(Debug, Clone, Copy)]
@@ -73,6 +76,8 @@ pub(crate) struct Projected {
     pub(crate) extent: [f32; 4],
     /// How far samples are from whole numbers at most.
     pub(crate) away: f32,
+    /// Whether there are at most 64 vertices.
+    pub(crate) few: bool,
 }
 
 impl Projected {
@@ -84,6 +89,7 @@ impl Projected {
             error: 0.0,
             extent: [0.0; 4],
             away,
+            few: false,
         }
     }
 }
@@ -159,15 +165,11 @@ impl Lens {
             put(&mut to.y, index, l.store(at[1]));
             put(&mut to.nearness, index, l.store(near));
         }
-        let [left, top] = [least(l.store(low[0])), least(l.store(low[1]))];
-        let [right, bottom] = [greatest(l.store(high[0])), greatest(l.store(high[1]))];
+        let [left, top] = [l.least(low[0]), l.least(low[1])];
+        let [right, bottom] = [l.greatest(high[0]), l.greatest(high[1])];
+        to.few = cluster.packs.len() * LANES <= FEW;
         to.extent = [left, right, top, bottom];
-        self.judge(
-            cluster,
-            (base[2], middle, steep),
-            least(l.store(nearest)),
-            to,
-        )
+        self.judge(cluster, (base[2], middle, steep), l.least(nearest), to)
     }
 
     /// Works out by how many samples a projected vertex may be off: a few roundings of each linear
@@ -234,22 +236,4 @@ fn put(column: &mut [f32; PLACES], index: usize, values: [f32; LANES]) {
     if let Some(lanes) = column[index * LANES..].first_chunk_mut() {
         *lanes = values;
     }
-}
-
-#[inline(always)]
-fn least(values: [f32; LANES]) -> f32 {
-    let mut least = values[0];
-    for value in values {
-        least = if value < least { value } else { least };
-    }
-    least
-}
-
-#[inline(always)]
-fn greatest(values: [f32; LANES]) -> f32 {
-    let mut greatest = values[0];
-    for value in values {
-        greatest = if value > greatest { value } else { greatest };
-    }
-    greatest
 }

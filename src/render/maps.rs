@@ -14,14 +14,16 @@ use super::clusters::Clusters;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes, Task, dispatch};
 use super::lens::Place;
+use super::pages::{Maps, Row, Waiting};
 use super::planes::{Fresh, Pending, Plane, Window};
 use super::row::{Cross, Line};
 use super::scan::scan;
 use super::surface::Frame;
 use super::tile::{NONE, SIZE, Tile};
-use crate::ahead::{prefetch, prefetch_all};
+use crate::ahead::{WORDS, prefetch, streamed};
 use crate::parallel;
 use glam::DVec3;
+use std::hint::select_unpredictable;
 
 /// Rows of a tile that are worked out together.
 pub(super) const ROWS: usize = 8;
@@ -36,7 +38,7 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
     parallel::for_each_chunk(&mut bands, 1, |band, maps| {
         let row = band * SIZE;
         let rows = SIZE.min(height - row);
-        let mut resolver = Resolver::new();
+        let (mut resolver, mut waiting) = (Resolver::new(), Waiting::NONE);
         for column in (0..width).step_by(SIZE) {
             let place = Place {
                 eye: &eye,
@@ -46,77 +48,39 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
             let columns = SIZE.min(width - column);
             let tile = scan(clusters, (&place, None), (columns, rows));
             for maps in &mut *maps {
-                resolver.resolve((&place, &tile), (columns, rows), (maps, width, column));
+                let row = |line: &mut Line, number: usize| {
+                    let row = Row {
+                        number,
+                        first: number * width + column,
+                        count: columns,
+                        joined: [column > 0, column + columns < width],
+                    };
+                    maps.stream(line, &row, &mut waiting);
+                };
+                resolver.resolve((&place, &tile), (columns, rows), row);
             }
         }
+        streamed();
     });
-}
-
-/// Some rows of all maps.
-struct Maps<'s> {
-    triangles: &'s mut [u32],
-    depth: &'s mut [f32],
-    normals: &'s mut [[f32; 3]],
-    weights: &'s mut [[f32; 2]],
-}
-
-impl<'s> Maps<'s> {
-    fn of(seen: &'s mut Seen) -> Self {
-        Self {
-            triangles: &mut seen.triangles,
-            depth: &mut seen.depth,
-            normals: &mut seen.normals,
-            weights: &mut seen.weights,
-        }
-    }
-
-    /// Bands of `size` pixels.
-    fn cut(self, size: usize) -> Vec<Self> {
-        let triangles = self.triangles.chunks_mut(size);
-        let depth = self.depth.chunks_mut(size);
-        let normals = self.normals.chunks_mut(size);
-        let weights = self.weights.chunks_mut(size);
-        let all = triangles.zip(depth).zip(normals.zip(weights));
-        all.map(|((triangles, depth), (normals, weights))| Self {
-            triangles,
-            depth,
-            normals,
-            weights,
-        })
-        .collect()
-    }
-
-    /// Has the memory fetched that will be written.
-    fn fetch(&self) {
-        prefetch_all(self.triangles);
-        prefetch_all(self.depth);
-        prefetch_all(self.normals);
-        prefetch_all(self.weights);
-    }
-
-    fn part(&mut self, first: usize, count: usize) -> Maps<'_> {
-        Maps {
-            triangles: &mut self.triangles[first..][..count],
-            depth: &mut self.depth[first..][..count],
-            normals: &mut self.normals[first..][..count],
-            weights: &mut self.weights[first..][..count],
-        }
-    }
 }
 
 /// Slots of the memory of triangles that have been met; one more is for none.
 const SLOTS: usize = 512;
 
+/// Most runs of pixels in rows that are worked out together.
+const RUNS: usize = ROWS * SIZE;
+
 /// What is worked out about a tile.
 pub(crate) struct Resolver {
-    /// Triangles met in the present rows for the first time.
-    pending: Vec<Pending>,
+    /// Triangles met in the present rows for the first time, and how many.
+    pending: [Pending; RUNS + 1],
+    waiting: usize,
     planes: Vec<Plane>,
     /// Triangles met of late, by their number, with their place in `planes`.
     met: [(u32, u32); SLOTS + 1],
     fresh: Fresh,
     /// Places in `planes` of the runs of pixels that see one triangle.
-    runs: [u32; ROWS * SIZE],
+    runs: [u32; RUNS],
     /// In each row: the first pixels of runs as bits, and the number of its first run.
     rows: [(u64, usize); ROWS],
     /// x of the directions of the tile's columns, as it is and counted from the first.
@@ -127,11 +91,12 @@ pub(crate) struct Resolver {
 impl Resolver {
     pub(crate) fn new() -> Self {
         Self {
-            pending: Vec::with_capacity(ROWS * SIZE),
+            pending: [Pending::NONE; RUNS + 1],
+            waiting: 0,
             planes: Vec::with_capacity(SIZE * SIZE + 1),
             met: [(NONE, 0); SLOTS + 1],
             fresh: Fresh::new(),
-            runs: [0; ROWS * SIZE],
+            runs: [0; RUNS],
             rows: [(0, 0); ROWS],
             x: [0.0; SIZE],
             from_first: [0.0; SIZE],
@@ -146,17 +111,18 @@ impl Resolver {
         seen: &mut Seen,
     ) {
         seen.resize(columns * rows);
-        let maps = (&mut Maps::of(seen), columns, 0);
-        self.resolve((place, tile), (columns, rows), maps);
+        let mut maps = Maps::of(seen);
+        self.resolve((place, tile), (columns, rows), |line, row| {
+            maps.put(line, row * columns, columns);
+        });
     }
 
-    /// Writes the pixels of a tile: the first of them to place `first_pixel` of maps whose rows are `stride`
-    /// long.
+    /// Works out the pixels of a tile and calls `put` with each row.
     fn resolve(
         &mut self,
         (place, tile): (&Place<'_>, &Tile),
         (columns, rows): (usize, usize),
-        (maps, stride, first_pixel): (&mut Maps<'_>, usize, usize),
+        put: impl FnMut(&mut Line, usize),
     ) {
         self.planes.clear();
         self.planes.push(Plane::NONE);
@@ -173,156 +139,160 @@ impl Resolver {
             self.x[column] = direction.x;
             self.from_first[column] = direction.x - first.x;
         }
+        dispatch(Sheet {
+            resolver: self,
+            place,
+            window: &window,
+            tile,
+            size: (columns, rows),
+            put,
+        });
+    }
+}
+
+/// A tile of the maps.
+struct Sheet<'s, P> {
+    resolver: &'s mut Resolver,
+    place: &'s Place<'s>,
+    window: &'s Window,
+    tile: &'s Tile,
+    /// Used columns and rows.
+    size: (usize, usize),
+    /// As for [`Resolver::resolve`].
+    put: P,
+}
+
+impl<P: FnMut(&mut Line, usize)> Task for Sheet<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self, l: L) {
+        let (_, rows) = self.size;
+        let mut line = Line::NONE;
         for top in (0..rows).step_by(ROWS) {
-            for row in top..rows.min(top + ROWS) {
-                maps.part(row * stride + first_pixel, columns).fetch();
-            }
-            dispatch(Strip {
-                resolver: self,
-                place,
-                window: &window,
-                tile,
-                rows: (top, ROWS.min(rows - top)),
-            });
-            for row in top..rows.min(top + ROWS) {
-                let ids = tile.row(row, columns);
-                let y = place.eye.direction(place.column, place.row + row).y;
-                let maps = maps.part(row * stride + first_pixel, columns);
-                self.write((&place.eye.frame, &window), (row - top, y), (ids, maps));
+            let count = ROWS.min(rows - top);
+            self.find_runs(l, top, count);
+            self.set_up(l);
+            for row in 0..count {
+                self.cross(l, (top, row), &mut line);
+                (self.put)(&mut line, top + row);
             }
         }
     }
+}
 
-    /// Writes a row of pixels.
-    fn write(
-        &mut self,
-        (frame, window): (&Frame<'_>, &Window),
-        (row, y): (usize, f64),
-        (ids, mut maps): (&[u32], Maps<'_>),
-    ) {
-        maps.triangles.copy_from_slice(ids);
-        let (starts, first) = self.rows[row];
-        if starts == 1 && ids[0] == NONE {
-            maps.depth.fill(0.0);
-            maps.normals.as_flattened_mut().fill(0.0);
-            maps.weights.as_flattened_mut().fill(0.0);
-            return;
-        }
-        let Maps {
-            depth,
-            normals,
-            weights,
-            ..
-        } = &mut maps;
-        let whole = (
-            depth.first_chunk_mut(),
-            normals.first_chunk_mut(),
-            weights.first_chunk_mut(),
-        );
-        let cross = |depth: &mut _, normals: &mut _, weights: &mut _| {
-            dispatch(Cross {
-                x: &self.from_first,
-                y: y - window.first[1],
-                planes: &self.planes,
-                runs: &self.runs,
-                row: (starts, first),
-                out: (depth, normals, weights),
-            })
-        };
-        let doubtful = if let (Some(depth), Some(normals), Some(weights)) = whole {
-            cross(depth, normals, weights)
-        } else {
-            let (mut line, count) = (Line::NONE, ids.len());
-            let doubtful = cross(&mut line.depth, &mut line.normals, &mut line.weights);
-            depth.copy_from_slice(&line.depth[..count]);
-            normals.copy_from_slice(&line.normals[..count]);
-            weights.copy_from_slice(&line.weights[..count]);
-            doubtful
-        };
-        for column in 0..ids.len() {
-            if doubtful >> column & 1 == 1 {
-                let direction = DVec3::new(self.x[column], y, 1.0);
-                settle(frame, (ids[column], direction), (&mut maps, column));
+impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
+    fn y(&self, row: usize) -> f64 {
+        let place = self.place;
+        place.eye.direction(place.column, place.row + row).y
+    }
+
+    /// Finds the runs in some rows, and the triangles that are met for the first time: nothing branches on
+    /// which these are, which cannot be foreseen.
+    #[inline(always)]
+    fn find_runs<L: Lanes>(&mut self, l: L, top: usize, count: usize) {
+        let triangles = self.place.eye.frame.mesh().triangles();
+        let (mut runs, mut waiting) = (0, 0);
+        for row in 0..count {
+            let (ids, y) = (self.tile.row(top + row, SIZE), self.y(top + row));
+            let resolver = &mut *self.resolver;
+            #[allow(clippy::cast_possible_truncation, reason = "at most 4097")]
+            let planes = resolver.planes.len() as u32;
+            let starts = starts(l, ids);
+            resolver.rows[row % ROWS] = (starts, runs);
+            let mut left = starts;
+            while left != 0 {
+                let column = left.trailing_zeros() as usize % SIZE;
+                left &= left - 1;
+                let id = ids[column];
+                let slot = select_unpredictable(id == NONE, SLOTS, id as usize % SLOTS);
+                let (known, place) = resolver.met[slot];
+                let is_new = known != id;
+                #[allow(clippy::cast_possible_truncation, reason = "at most 512")]
+                let place = select_unpredictable(is_new, planes + waiting as u32, place);
+                resolver.met[slot] = (id, place);
+                prefetch(triangles, id as usize);
+                resolver.pending[waiting % (RUNS + 1)] = Pending {
+                    id,
+                    spot: [resolver.x[column], y],
+                    vertices: [0; 3],
+                };
+                waiting += usize::from(is_new);
+                resolver.runs[runs % RUNS] = place;
+                runs += 1;
             }
+        }
+        self.resolver.waiting = waiting;
+    }
+
+    /// Sets up triangles met for the first time: all vertices are asked for before the first is needed.
+    #[inline(always)]
+    fn set_up<L: Lanes>(&mut self, l: L) {
+        let frame = &self.place.eye.frame;
+        let mesh = frame.mesh();
+        let Resolver {
+            pending,
+            waiting,
+            fresh,
+            planes,
+            ..
+        } = &mut *self.resolver;
+        for triangle in &mut pending[..*waiting] {
+            triangle.vertices = mesh.triangles()[triangle.id as usize];
+            for vertex in triangle.vertices {
+                prefetch(mesh.vertices(), vertex as usize);
+            }
+        }
+        for pending in pending[..*waiting].chunks(SIZE) {
+            fresh.load(frame, pending);
+            fresh.turn(&frame.rotation(), frame.center_in_cam());
+            fresh.set_up(self.window);
+            fresh.put(l, planes);
+        }
+    }
+
+    /// Works out a row of pixels.
+    #[inline(always)]
+    fn cross<L: Lanes>(&mut self, l: L, (top, row): (usize, usize), line: &mut Line) {
+        let resolver = &*self.resolver;
+        let (starts, first) = resolver.rows[row % ROWS];
+        let ids = self.tile.row(top + row, SIZE);
+        if starts == 1 && ids[0] == NONE {
+            return line.clear();
+        }
+        line.triangles[WORDS..].copy_from_slice(ids);
+        let y = self.y(top + row);
+        let cross = Cross {
+            x: &resolver.from_first,
+            y: y - self.window.first[1],
+            planes: &resolver.planes,
+            runs: &resolver.runs,
+            row: (starts, first),
+        };
+        let mut doubtful = cross.write(l, line);
+        while doubtful != 0 {
+            let column = doubtful.trailing_zeros() as usize;
+            doubtful &= doubtful - 1;
+            let direction = DVec3::new(resolver.x[column], y, 1.0);
+            settle(&self.place.eye.frame, direction, (line, column));
         }
     }
 }
 
 /// Writes what the exact test says.
 #[cold]
-fn settle(
-    frame: &Frame<'_>,
-    (id, direction): (u32, DVec3),
-    (maps, column): (&mut Maps<'_>, usize),
-) {
-    let facet = frame.facet(id as usize);
-    let normal = facet.facing_normal(direction);
-    maps.normals[column] = normal.as_vec3().to_array();
+#[inline(never)]
+fn settle(frame: &Frame<'_>, direction: DVec3, (line, column): (&mut Line, usize)) {
+    let facet = frame.facet(line.triangles[WORDS + column] as usize);
+    let normal = facet.facing_normal(direction).as_vec3().to_array();
+    line.normals[WORDS + 3 * column..][..3].copy_from_slice(&normal);
     if let Some(crossing) = facet.cross(direction) {
         #[allow(clippy::cast_possible_truncation, reason = "maps are f32")]
         {
-            maps.depth[column] = crossing.distance as f32;
-            maps.weights[column] = crossing.weights.map(|weight| weight as f32);
+            line.depth[WORDS + column] = crossing.distance as f32;
+            let weights = crossing.weights.map(|weight| weight as f32);
+            line.weights[WORDS + 2 * column..][..2].copy_from_slice(&weights);
         }
-    }
-}
-
-/// Finds the runs in some rows and sets up their triangles.
-struct Strip<'r, 't> {
-    resolver: &'r mut Resolver,
-    place: &'t Place<'t>,
-    window: &'t Window,
-    tile: &'t Tile,
-    /// The first row, and how many.
-    rows: (usize, usize),
-}
-
-impl Task for Strip<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, l: L) {
-        let Self {
-            resolver,
-            place,
-            window,
-            tile,
-            rows: (top, count),
-        } = self;
-        let mut runs = 0;
-        for row in 0..count {
-            let ids = tile.row(top + row, SIZE);
-            let y = place.eye.direction(place.column, place.row + top + row).y;
-            let starts = starts(l, ids);
-            resolver.rows[row % ROWS] = (starts, runs);
-            let mut left = starts;
-            while left != 0 {
-                let column = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let id = ids[column % SIZE];
-                let slot = if id == NONE {
-                    SLOTS
-                } else {
-                    id as usize % SLOTS
-                };
-                let mut known = resolver.met[slot];
-                if known.0 != id {
-                    #[allow(clippy::cast_possible_truncation, reason = "at most 4097")]
-                    let next = (resolver.planes.len() + resolver.pending.len()) as u32;
-                    known = (id, next);
-                    resolver.met[slot] = known;
-                    prefetch(place.eye.frame.mesh().triangles(), id as usize);
-                    resolver.pending.push(Pending {
-                        id,
-                        spot: [resolver.x[column % SIZE], y],
-                        vertices: [0; 3],
-                    });
-                }
-                resolver.runs[runs % (ROWS * SIZE)] = known.1;
-                runs += 1;
-            }
-        }
-        resolver.set_up(&place.eye.frame, window);
     }
 }
 
@@ -344,51 +314,4 @@ fn starts<L: Lanes>(l: L, ids: &[u32]) -> u64 {
         bits |= u64::from(l.differ(here, before)) << (LANES * index);
     }
     bits
-}
-
-/// Sets up triangles met for the first time, at most [`SIZE`].
-struct SetUp<'r> {
-    pending: &'r [Pending],
-    fresh: &'r mut Fresh,
-    planes: &'r mut Vec<Plane>,
-    frame: &'r Frame<'r>,
-    window: &'r Window,
-}
-
-impl Task for SetUp<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
-        let (fresh, frame) = (self.fresh, self.frame);
-        fresh.load(frame, self.pending);
-        fresh.turn(&frame.rotation(), frame.center_in_cam());
-        fresh.set_up(self.window);
-        for index in 0..fresh.count {
-            self.planes.push(fresh.plane(index));
-        }
-    }
-}
-
-impl Resolver {
-    /// Sets up what is pending: all vertices are asked for before the first is needed.
-    fn set_up(&mut self, frame: &Frame<'_>, window: &Window) {
-        let mesh = frame.mesh();
-        for triangle in &mut self.pending {
-            triangle.vertices = mesh.triangles()[triangle.id as usize];
-            for vertex in triangle.vertices {
-                prefetch(mesh.vertices(), vertex as usize);
-            }
-        }
-        for pending in self.pending.chunks(SIZE) {
-            dispatch(SetUp {
-                pending,
-                fresh: &mut self.fresh,
-                planes: &mut self.planes,
-                frame,
-                window,
-            });
-        }
-        self.pending.clear();
-    }
 }

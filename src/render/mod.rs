@@ -7,6 +7,8 @@
 //! pixel's centre and are never averaged; colour is the mean of a regular grid of samples, each with
 //! its own visibility. A camera's lens is gone through by exact inversion, sample by sample.
 
+#[cfg(target_arch = "x86_64")]
+mod avx;
 mod bent;
 mod bvh;
 mod cluster;
@@ -20,6 +22,7 @@ mod look;
 mod maps;
 mod near;
 pub mod oracle;
+mod pages;
 mod picture;
 mod planes;
 mod raster;
@@ -27,6 +30,7 @@ mod rays;
 mod row;
 mod scan;
 mod shade;
+mod sieve;
 mod sight;
 mod strokes;
 mod surface;

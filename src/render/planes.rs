@@ -5,8 +5,10 @@
 //! triangle. So all three are kept divided by that product: depth = 1 / t, weights = v · depth, w · depth.
 //! They are set up where a pixel sees the triangle, as [`super::triangle`] would there.
 
+use super::doubles::FOUR;
+use super::lanes::Lanes;
 use super::surface::Frame;
-use super::tile::SIZE;
+use super::tile::{NONE, SIZE};
 use super::triangle::THIN;
 use glam::{DMat3, DVec3};
 
@@ -22,8 +24,8 @@ pub(crate) struct Plane {
     pub(crate) at: [f64; 4],
     /// How they change with the direction's x and y.
     pub(crate) along: [[f64; 4]; 2],
-    /// Unit normal, facing the camera.
-    pub(crate) normal: [f32; 3],
+    /// Unit normal, facing the camera, and one number more.
+    pub(crate) normal: [f32; 4],
 }
 
 impl Plane {
@@ -31,7 +33,7 @@ impl Plane {
     pub(crate) const NONE: Self = Self {
         at: [0.0, 0.0, f64::INFINITY, 0.0],
         along: [[0.0; 4]; 2],
-        normal: [0.0; 3],
+        normal: [0.0; 4],
     };
 }
 
@@ -52,6 +54,15 @@ pub(crate) struct Pending {
     /// x and y of the direction of a pixel that sees it.
     pub(crate) spot: [f64; 2],
     pub(crate) vertices: [u32; 3],
+}
+
+impl Pending {
+    /// Stands for none.
+    pub(crate) const NONE: Self = Self {
+        id: NONE,
+        spot: [0.0; 2],
+        vertices: [0; 3],
+    };
 }
 
 /// Triangles to be set up together, side by side.
@@ -190,22 +201,53 @@ impl Fresh {
         }
     }
 
-    /// What was worked out about one of them.
+    /// Adds what was worked out to `planes`.
     #[inline(always)]
-    pub(crate) fn plane(&self, index: usize) -> Plane {
-        let i = index % SIZE;
-        let along = |axis: usize| {
-            let [v, w, t] = &self.along[axis];
-            [v[i], w[i], t[i], 0.0]
-        };
-        let [nx, ny, nz] = &self.normals;
-        #[allow(clippy::cast_possible_truncation, reason = "maps are f32")]
-        Plane {
-            at: [self.at[0][i], self.at[1][i], self.at[2][i], self.at[3][i]],
-            along: [along(0), along(1)],
-            normal: [nx[i] as f32, ny[i] as f32, nz[i] as f32],
+    pub(crate) fn put<L: Lanes>(&self, l: L, planes: &mut Vec<Plane>) {
+        let first = planes.len();
+        planes.resize(first + self.count.next_multiple_of(FOUR), Plane::NONE);
+        for (index, four) in planes[first..].chunks_exact_mut(FOUR).enumerate() {
+            let from = FOUR * index;
+            let at = l.transpose([
+                four_of(l, &self.at[0], from),
+                four_of(l, &self.at[1], from),
+                four_of(l, &self.at[2], from),
+                four_of(l, &self.at[3], from),
+            ]);
+            for k in 0..FOUR {
+                four[k].at = l.store_f64(at[k]);
+            }
+            for axis in 0..2 {
+                let along = l.transpose([
+                    four_of(l, &self.along[axis][0], from),
+                    four_of(l, &self.along[axis][1], from),
+                    four_of(l, &self.along[axis][2], from),
+                    l.splat_f64(0.0),
+                ]);
+                for k in 0..FOUR {
+                    four[k].along[axis] = l.store_f64(along[k]);
+                }
+            }
+            let normals = l.transpose([
+                four_of(l, &self.normals[0], from),
+                four_of(l, &self.normals[1], from),
+                four_of(l, &self.normals[2], from),
+                l.splat_f64(0.0),
+            ]);
+            for k in 0..FOUR {
+                four[k].normal = l.round(normals[k]);
+            }
         }
+        planes.truncate(first + self.count);
     }
+}
+
+/// Four of a column's numbers from one on, or the last four.
+#[inline(always)]
+fn four_of<L: Lanes>(l: L, column: &[f64; SIZE], from: usize) -> L::D {
+    let mut four = [0.0; FOUR];
+    four.copy_from_slice(&column[from.min(SIZE - FOUR)..][..FOUR]);
+    l.load_f64(&four)
 }
 
 /// The greater, without the care for NaN that costs `f64::max` its speed.

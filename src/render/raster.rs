@@ -7,10 +7,11 @@
 )]
 
 use super::bent::Bent;
-use super::cluster::{self, Cluster};
+use super::cluster::{Cluster, Eight};
 use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch, whole};
-use super::lens::{Lens, PLACES, Place, Projected, ULP};
+use super::lens::{Lens, Place, Projected, ULP};
 use super::near;
+use super::sieve::{Offers, Sieve, sieve};
 use super::strokes::Stored;
 use super::tile::{DOUBT, SIZE, STRIDE, Spot, Tile};
 
@@ -22,6 +23,10 @@ const WHOLE: (Spot, Spot) = (
         row: SIZE - 1,
     },
 );
+/// Samples per triangle up to which a cluster's triangles are sieved.
+const SIEVED_AREA: f32 = 4.0;
+/// Samples a side up to which triangles are drawn side by side.
+pub(super) const SMALL: usize = 4;
 const LAST: f32 = (SIZE - 1) as f32;
 
 /// Draws clusters into one tile.
@@ -32,6 +37,8 @@ pub(crate) struct Brush<'t> {
     pub(crate) bent: Option<&'t Bent>,
     pub(crate) lens: &'t Lens,
     pub(crate) scratch: &'t mut Projected,
+    pub(crate) sieve: &'t mut Sieve,
+    pub(crate) offers: &'t mut Offers,
 }
 
 impl Brush<'_> {
@@ -41,6 +48,42 @@ impl Brush<'_> {
 
     fn draw_exactly(&mut self, triangle: u32, from_to: (Spot, Spot)) {
         near::draw(self.tile, (self.place, self.bent), triangle, from_to);
+    }
+
+    #[inline(always)]
+    fn draw_eight<L: Lanes>(&mut self, l: L, eight: &Eight) {
+        let reach = Reach::of(l, self.scratch, eight);
+        if reach.alive != 0 {
+            let nearness = l.gather(&self.scratch.nearness, self.scratch.few, &eight.places);
+            Group::new(l, reach, nearness, self.scratch).draw(l, self, eight);
+        }
+    }
+
+    /// Makes visible what has been offered and is nearer than what is there.
+    #[inline(always)]
+    fn settle_offers(&mut self) {
+        for index in 0..self.offers.finish() {
+            let (index, (triangle, nearness)) = self.offers.get(index);
+            if !self.tile.try_offer(index, (triangle, nearness)) {
+                self.settle(index, triangle, Some(nearness));
+            }
+        }
+    }
+
+    /// Settles whether some triangles are seen at one sample each.
+    #[inline(always)]
+    fn settle_lanes(
+        &mut self,
+        (bits, eight): (u32, &Eight),
+        indices: [f32; LANES],
+        nearness: [f32; LANES],
+    ) {
+        for lane in SetBits(bits) {
+            let index = whole(indices[lane]);
+            if !self.tile.surely_hides(index, nearness[lane]) {
+                self.settle(index, eight.number(lane), None);
+            }
+        }
     }
 
     /// Offers a triangle where f32 is in doubt about what is nearer or, without a known nearness,
@@ -93,17 +136,31 @@ impl Task for Draw<'_, '_> {
         ) else {
             return;
         };
-        for (numbers, used) in cluster.groups() {
-            if let Some(group) = Group::new(l, brush.scratch, (numbers, used)) {
-                group.draw(l, brush, numbers);
+        if is_fine(brush.scratch.extent, cluster.count()) {
+            sieve(l, cluster, brush.scratch, brush.sieve);
+            let mut first = 0;
+            while let Some(eight) = brush.sieve.eight(first) {
+                brush.draw_eight(l, &eight);
+                first += LANES;
+            }
+        } else {
+            for eight in cluster.groups() {
+                brush.draw_eight(l, &eight);
             }
         }
+        brush.settle_offers();
         let [from, to] = [0, 1].map(|end| Spot {
             column: [columns.0, columns.1][end],
             row: [rows.0, rows.1][end],
         });
         brush.tile.touch(from, to);
     }
+}
+
+/// Whether triangles of a cluster with this extent are mostly smaller than the distance of samples.
+#[inline(always)]
+fn is_fine([left, right, top, bottom]: [f32; 4], triangles: usize) -> bool {
+    (right - left) * (bottom - top) < SIEVED_AREA * triangles as f32
 }
 
 /// First and last sample of the tile between two coordinates; `None` when there is none.
@@ -144,22 +201,6 @@ struct Group<L: Lanes> {
     fine: u32,
 }
 
-/// The values of three corners' vertices in eight triangles.
-#[inline(always)]
-fn gather<L: Lanes>(l: L, values: &[f32; PLACES], places: &[[u8; LANES]; 3]) -> [L::V; 3] {
-    let mut corners = [[0.0; LANES]; 3];
-    for corner in 0..3 {
-        for lane in 0..LANES {
-            corners[corner][lane] = values[usize::from(places[corner][lane])];
-        }
-    }
-    [
-        l.load(&corners[0]),
-        l.load(&corners[1]),
-        l.load(&corners[2]),
-    ]
-}
-
 /// Least and greatest of three.
 #[inline(always)]
 pub(super) fn spread<L: Lanes>(l: L, [a, b, c]: [L::V; 3]) -> (L::V, L::V) {
@@ -175,37 +216,47 @@ fn samples<L: Lanes>(l: L, corners: [L::V; 3], error: L::V) -> [L::V; 2] {
     [l.ceil(low), l.floor(high)]
 }
 
-impl<L: Lanes> Group<L> {
-    /// `None` when no triangle may cover a sample.
-    #[inline(always)]
-    fn new(l: L, scratch: &Projected, (numbers, used): (&cluster::Group, usize)) -> Option<Self> {
-        let places = cluster::places(numbers);
-        let reach = l.splat(scratch.error + scratch.away);
-        let xs = gather(l, &scratch.x, &places);
-        let columns = samples(l, xs, reach);
-        let ys = gather(l, &scratch.y, &places);
-        let rows = samples(l, ys, reach);
-        let none = l.less(columns[1], columns[0]) | l.less(rows[1], rows[0]);
-        let alive = ALL >> (LANES - used) & !none;
-        if alive == 0 {
-            return None;
-        }
-        let nearness = gather(l, &scratch.nearness, &places);
-        Some(Self::edges(
-            l,
-            [xs, ys, nearness],
-            (columns, rows),
-            (scratch, alive),
-        ))
-    }
+/// Which samples eight triangles may cover.
+pub(super) struct Reach<L: Lanes> {
+    xs: [L::V; 3],
+    ys: [L::V; 3],
+    /// First and last column, first and last row.
+    columns: [L::V; 2],
+    rows: [L::V; 2],
+    /// Lanes with a triangle that may cover some.
+    pub(super) alive: u32,
+}
 
+impl<L: Lanes> Reach<L> {
     #[inline(always)]
-    fn edges(
-        l: L,
-        [xs, ys, nearness]: [[L::V; 3]; 3],
-        (columns, rows): ([L::V; 2], [L::V; 2]),
-        (scratch, alive): (&Projected, u32),
-    ) -> Self {
+    pub(super) fn of(l: L, scratch: &Projected, eight: &Eight) -> Self {
+        let (few, places) = (scratch.few, &eight.places);
+        let reach = l.splat(scratch.error + scratch.away);
+        let xs = l.gather(&scratch.x, few, places);
+        let columns = samples(l, xs, reach);
+        let ys = l.gather(&scratch.y, few, places);
+        let rows = samples(l, ys, reach);
+        let none = l.or(l.below(columns[1], columns[0]), l.below(rows[1], rows[0]));
+        Self {
+            xs,
+            ys,
+            columns,
+            rows,
+            alive: ALL >> (LANES - eight.used) & !l.bits(none),
+        }
+    }
+}
+
+impl<L: Lanes> Group<L> {
+    #[inline(always)]
+    fn new(l: L, reach: Reach<L>, nearness: [L::V; 3], scratch: &Projected) -> Self {
+        let Reach {
+            xs,
+            ys,
+            columns,
+            rows,
+            alive,
+        } = reach;
         let (ux, uy) = (l.sub(xs[1], xs[0]), l.sub(ys[1], ys[0]));
         let (vx, vy) = (l.sub(xs[2], xs[0]), l.sub(ys[2], ys[0]));
         let area = l.sub(l.mul(ux, vy), l.mul(uy, vx));
@@ -253,70 +304,63 @@ impl<L: Lanes> Group<L> {
     }
 
     #[inline(always)]
-    fn draw(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group) {
-        let one = l.splat(1.0);
-        let large = l.less(l.add(self.columns[0], one), self.columns[1])
-            | l.less(l.add(self.rows[0], one), self.rows[1]);
+    fn draw(&self, l: L, brush: &mut Brush<'_>, eight: &Eight) {
+        let most = l.splat((SMALL - 1) as f32);
+        let large = l.less(l.add(self.columns[0], most), self.columns[1])
+            | l.less(l.add(self.rows[0], most), self.rows[1]);
         let large = if brush.bent.is_some() { ALL } else { large };
         let good = self.alive & self.fine;
         if good & !large != 0 {
-            self.draw_small(l, brush, numbers, good & !large);
+            self.draw_small(l, brush, eight, good & !large);
         }
         if good & large != 0 {
-            self.draw_large(l, brush, numbers, good & large);
+            self.draw_large(l, brush, eight, good & large);
         }
         let bad = self.alive & !self.fine;
         if bad != 0 {
             let stored = self.stored(l);
             for lane in SetBits(bad) {
-                let triangle = cluster::number(numbers, lane);
+                let triangle = eight.number(lane);
                 stored.draw_exactly(l, brush, (lane, triangle, stored.nearest[lane]));
             }
         }
     }
 
-    /// Draws the triangles of some lanes, which cover at most two samples a side: sample by sample,
+    /// Draws the triangles of some lanes, which cover at most [`SMALL`] samples a side: sample by sample,
     /// all triangles at a time.
     #[inline(always)]
-    fn draw_small(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group, bits: u32) {
+    fn draw_small(&self, l: L, brush: &mut Brush<'_>, eight: &Eight, bits: u32) {
         let first = l.mul_add(self.rows[0], l.splat(STRIDE as f32), self.columns[0]);
-        let first = l.store(first);
+        let numbers = l.load(&eight.numbers);
         let below = l.sub(l.splat(0.0), self.doubt);
-        let wide = l.less(self.columns[0], self.columns[1]);
-        let high = l.less(self.rows[0], self.rows[1]);
-        for (x, y) in [(false, false), (true, false), (false, true), (true, true)] {
-            let bits = bits & if x { wide } else { ALL } & if y { high } else { ALL };
-            if bits == 0 {
-                continue;
+        for y in 0..SMALL {
+            let down = l.splat(y as f32);
+            let high = bits & !l.less(self.rows[1], l.add(self.rows[0], down));
+            if high == 0 {
+                break;
             }
-            let mut at = self.at;
+            let mut start = self.at;
             for edge in 0..3 {
-                if x {
-                    at[edge] = l.add(at[edge], self.along_x[edge]);
-                }
-                if y {
-                    at[edge] = l.add(at[edge], self.along_y[edge]);
-                }
+                start[edge] = l.mul_add(self.along_y[edge], down, start[edge]);
             }
-            let least = l.min(l.min(at[0], at[1]), at[2]);
-            let inside = bits & l.less(self.doubt, least);
-            let maybe = bits & !inside & !l.less(least, below);
-            if inside | maybe == 0 {
-                continue;
-            }
-            let nearness = l.store(weighted(l, at, self.nearness));
-            let step = usize::from(x) + if y { STRIDE } else { 0 };
-            for lane in SetBits(inside) {
-                let offer = (cluster::number(numbers, lane), nearness[lane]);
-                let index = whole(first[lane]) + step;
-                if !brush.tile.try_offer(index, offer) {
-                    brush.settle(index, offer.0, Some(offer.1));
+            for x in 0..SMALL {
+                let right = l.splat(x as f32);
+                let wide = high & !l.less(self.columns[1], l.add(self.columns[0], right));
+                if wide == 0 {
+                    break;
                 }
-            }
-            for lane in SetBits(maybe) {
-                let index = whole(first[lane]) + step;
-                if !brush.tile.surely_hides(index, nearness[lane]) {
-                    brush.settle(index, cluster::number(numbers, lane), None);
+                let mut at = start;
+                for edge in 0..3 {
+                    at[edge] = l.mul_add(self.along_x[edge], right, start[edge]);
+                }
+                let least = l.min(l.min(at[0], at[1]), at[2]);
+                let inside = wide & l.less(self.doubt, least);
+                let maybe = wide & !inside & !l.less(least, below);
+                let nearness = weighted(l, at, self.nearness);
+                let index = l.add(first, l.splat((x + y * STRIDE) as f32));
+                brush.offers.put(l, inside, [index, nearness, numbers]);
+                if maybe != 0 {
+                    brush.settle_lanes((maybe, eight), l.store(index), l.store(nearness));
                 }
             }
         }
@@ -324,11 +368,11 @@ impl<L: Lanes> Group<L> {
 
     /// Draws the triangles of some lanes: triangle by triangle, eight samples at a time.
     #[inline(always)]
-    fn draw_large(&self, l: L, brush: &mut Brush<'_>, numbers: &cluster::Group, bits: u32) {
+    fn draw_large(&self, l: L, brush: &mut Brush<'_>, eight: &Eight, bits: u32) {
         let stored = self.stored(l);
         let bent = brush.bent;
         for lane in SetBits(bits) {
-            let which = (lane, cluster::number(numbers, lane));
+            let which = (lane, eight.number(lane));
             match bent {
                 None => stored.draw(l, brush, which),
                 Some(bent) => stored.draw_bent(l, brush, bent, which),

@@ -6,28 +6,41 @@
 )]
 
 use super::doubles::FOUR;
-use super::lanes::{ALL, LANES, Lanes, Task};
+use super::lanes::{ALL, LANES, Lanes};
 use super::maps::ROWS;
 use super::planes::Plane;
-use super::tile::SIZE;
+use super::tile::{NONE, SIZE};
+use crate::ahead::WORDS;
 
-/// A row of a tile.
+/// A row of a tile, map by map. Each begins with room for what lies before it in the maps' memory, and ends
+/// with room for what is written beyond.
+#[repr(align(64))]
 pub(super) struct Line {
-    pub(super) depth: [f32; SIZE],
-    pub(super) normals: [[f32; 3]; SIZE],
-    pub(super) weights: [[f32; 2]; SIZE],
+    pub(super) triangles: [u32; WORDS + SIZE],
+    pub(super) depth: [f32; WORDS + SIZE],
+    pub(super) weights: [f32; WORDS + 2 * SIZE],
+    pub(super) normals: [f32; 2 * WORDS + 3 * SIZE],
 }
 
 impl Line {
     pub(super) const NONE: Self = Self {
-        depth: [0.0; SIZE],
-        normals: [[0.0; 3]; SIZE],
-        weights: [[0.0; 2]; SIZE],
+        triangles: [NONE; WORDS + SIZE],
+        depth: [0.0; WORDS + SIZE],
+        weights: [0.0; WORDS + 2 * SIZE],
+        normals: [0.0; 2 * WORDS + 3 * SIZE],
     };
+
+    /// Nothing is seen.
+    pub(super) fn clear(&mut self) {
+        self.triangles[WORDS..].fill(NONE);
+        self.depth[WORDS..].fill(0.0);
+        self.weights[WORDS..].fill(0.0);
+        self.normals[WORDS..].fill(0.0);
+    }
 }
 
-/// Works out and writes a row of pixels. Returns, as bits, those that the exact test has to decide.
-pub(super) struct Cross<'r, 'm> {
+/// A row of pixels that see something.
+pub(super) struct Cross<'r> {
     /// x and y of the directions, counted from the tile's first pixel.
     pub(super) x: &'r [f64; SIZE],
     pub(super) y: f64,
@@ -35,19 +48,15 @@ pub(super) struct Cross<'r, 'm> {
     pub(super) runs: &'r [u32; ROWS * SIZE],
     /// The first pixels of runs as bits, and the number of the first run.
     pub(super) row: (u64, usize),
-    pub(super) out: (
-        &'m mut [f32; SIZE],
-        &'m mut [[f32; 3]; SIZE],
-        &'m mut [[f32; 2]; SIZE],
-    ),
 }
 
-impl Task for Cross<'_, '_> {
-    type Output = u64;
-
+impl Cross<'_> {
+    /// Works out and writes the pixels' depth, normals and weights. Returns, as bits, those that the exact
+    /// test has to decide.
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> u64 {
-        let (depths, normals, weights) = self.out;
+    pub(super) fn write<L: Lanes>(&self, l: L, line: &mut Line) -> u64 {
+        let (depths, weights) = (&mut line.depth[WORDS..], &mut line.weights[WORDS..]);
+        let normals = &mut line.normals[WORDS..];
         let (starts, first) = self.row;
         let y = l.splat_f64(self.y);
         let one = l.splat_f64(1.0);
@@ -65,7 +74,8 @@ impl Task for Cross<'_, '_> {
                     let along = l.mul_f64(l.load_f64(&plane.along[0]), x);
                     let down = l.mul_f64(l.load_f64(&plane.along[1]), y);
                     values[k] = l.add_f64(l.add_f64(l.load_f64(&plane.at), along), down);
-                    normals[column] = plane.normal;
+                    // The fourth number is written over next.
+                    normals[3 * column..][..FOUR].copy_from_slice(&plane.normal);
                 }
                 let [v, w, t, doubt] = l.transpose(values);
                 let depth = l.div_f64(one, t);
@@ -73,7 +83,7 @@ impl Task for Cross<'_, '_> {
                 low[half..half + FOUR].copy_from_slice(&l.round(l.sub_f64(depth, slack)));
                 high[half..half + FOUR].copy_from_slice(&l.round(l.add_f64(depth, slack)));
                 let pairs = l.round_pairs(l.mul_f64(v, depth), l.mul_f64(w, depth));
-                weights[left + half..][..FOUR].copy_from_slice(&pairs);
+                weights[2 * (left + half)..][..2 * FOUR].copy_from_slice(pairs.as_flattened());
             }
             depths[left..left + LANES].copy_from_slice(&low);
             let positive = l.less(l.splat(-f32::MIN_POSITIVE), l.load(&low));

@@ -6,6 +6,7 @@ use super::eye::Eye;
 use super::lanes::{LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Grid, Lens, Place, Projected};
 use super::raster::Brush;
+use super::sieve::{Offers, Sieve};
 use super::tile::{SIZE, Spot, Tile};
 use glam::DVec2;
 
@@ -31,6 +32,7 @@ pub(crate) fn scan(
         tile.close_where(|index| !bent.has_ray(index));
     }
     let mut scratch = Projected::new(away);
+    let (mut sieve, mut offers) = (Sieve::new(), Offers::new());
     let lens = Lens::new(place.eye, &grid);
     let gaze = Gaze::new(place.eye, (&grid, away), (width, height));
     let mut waiting = vec![Waiting::ROOT];
@@ -50,6 +52,8 @@ pub(crate) fn scan(
                     bent,
                     lens: &lens,
                     scratch: &mut scratch,
+                    sieve: &mut sieve,
+                    offers: &mut offers,
                 };
                 brush.draw(&clusters.cluster(index));
             }

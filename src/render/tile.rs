@@ -2,6 +2,7 @@
 
 use super::Visible;
 use super::lanes::{ALL, LANES, Lanes};
+use std::hint::select_unpredictable;
 
 /// Samples along each side.
 pub(crate) const SIZE: usize = 64;
@@ -142,16 +143,20 @@ impl Tile {
         self.least[block]
     }
 
-    /// As [`Self::offer`] where the difference is clear; else changes nothing and returns `false`.
+    /// As [`Self::offer`] where the difference is clear; else changes nothing and returns `false`. Which
+    /// is nearer cannot be foreseen: nothing branches on it.
     #[inline(always)]
     pub(crate) fn try_offer(&mut self, index: usize, (triangle, nearness): (u32, f32)) -> bool {
-        let there = self.nearness[index];
-        if nearness > there * (1.0 + DOUBT) {
-            self.nearness[index] = nearness;
-            self.triangles[index] = triangle;
-            return true;
-        }
-        nearness < there * (1.0 - DOUBT)
+        let (near, number) = (&mut self.nearness[index], &mut self.triangles[index]);
+        let there = *near;
+        let wins = nearness > there * (1.0 + DOUBT);
+        *near = f32::from_bits(select_unpredictable(
+            wins,
+            nearness.to_bits(),
+            there.to_bits(),
+        ));
+        *number = select_unpredictable(wins, triangle, *number);
+        wins | (nearness < there * (1.0 - DOUBT))
     }
 
     /// Whether what is at a sample clearly hides a surface of a nearness that is roughly known.

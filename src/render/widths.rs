@@ -4,7 +4,8 @@
 #[allow(dead_code, reason = "shared with the integration tests")]
 mod shapes;
 
-use super::lanes::{Lanes, Task, dispatch, forced};
+use super::lanes::forced::{self, Width};
+use super::lanes::{Lanes, Task, dispatch};
 use super::{BackFaces, RenderOptions, Renderer, Rendering, Seen};
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{Camera, Distortion, Pose, View};
@@ -60,17 +61,22 @@ fn pictures() -> Vec<(Rendering, Seen)> {
 #[test]
 fn every_set_of_instructions_gives_the_same_pictures() {
     let (best, set) = (pictures(), dispatch(Name));
-    forced::plain(true);
-    let (plain, plain_set) = (pictures(), dispatch(Name));
-    forced::plain(false);
-    assert!(plain_set.ends_with("Plain"), "{plain_set}");
-    if set == plain_set {
-        eprintln!("this machine has plain loops only: nothing was compared");
+    for width in [Width::Avx2, Width::Plain] {
+        forced::force(Some(width));
+        let (other, other_set) = (pictures(), dispatch(Name));
+        forced::force(None);
+        assert!(
+            width != Width::Plain || other_set.ends_with("Plain"),
+            "{other_set}"
+        );
+        if set == other_set {
+            eprintln!("this machine's best is {set}: nothing was compared");
+        }
+        for (index, (best, other)) in best.iter().zip(&other).enumerate() {
+            assert!(best == other, "picture {index} differs, {width:?}");
+        }
     }
     let seen = best.iter().flat_map(|(_, seen)| &seen.triangles);
     let hits = seen.filter(|&&triangle| triangle != Seen::NO_TRIANGLE);
     assert!(hits.count() > 300_000);
-    for (index, (best, plain)) in best.iter().zip(&plain).enumerate() {
-        assert!(best == plain, "picture {index} differs");
-    }
 }
