@@ -54,6 +54,9 @@ impl Brush<'_> {
     fn draw_eight<L: Lanes>(&mut self, l: L, eight: &Eight) {
         let reach = Reach::of(l, self.scratch, eight);
         if reach.alive != 0 {
+            if self.offers.is_full() {
+                self.settle_offers();
+            }
             let nearness = l.gather(&self.scratch.nearness, self.scratch.few, &eight.places);
             Group::new(l, reach, nearness, self.scratch).draw(l, self, eight);
         }

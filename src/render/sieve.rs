@@ -10,7 +10,10 @@ use super::raster::{Reach, SMALL};
 const MOST_SAMPLES: usize = SMALL * SMALL;
 /// Packed lanes are written whole.
 const SIEVED: usize = MOST_TRIANGLES + LANES;
-const OFFERS: usize = MOST_TRIANGLES * MOST_SAMPLES + LANES;
+/// Offers of several times eight triangles: few enough to stay in the nearest cache.
+const OFFERS: usize = 512;
+const MOST_WAITING: usize = OFFERS - LANES * MOST_SAMPLES - LANES;
+const _: () = assert!(MOST_WAITING > OFFERS / 4);
 
 /// Triangles of a cluster that may cover a sample.
 #[derive(Debug)]
@@ -99,6 +102,7 @@ impl Offers {
         bits: u32,
         [indices, nearness, numbers]: [L::V; 3],
     ) {
+        debug_assert!(self.count <= OFFERS - LANES, "offers would be lost");
         let from = self.count.min(OFFERS - LANES);
         let (Some(to), Some(near), Some(of)) = (
             self.indices[from..].first_chunk_mut(),
@@ -111,6 +115,12 @@ impl Offers {
         *near = l.store(l.pack(bits, nearness));
         *of = l.store(l.pack(bits, numbers));
         self.count = from + bits.count_ones() as usize;
+    }
+
+    /// Whether there may be no room for what eight triangles offer.
+    #[inline(always)]
+    pub(crate) fn is_full(&self) -> bool {
+        self.count > MOST_WAITING
     }
 
     /// How many there are; there are none afterwards.

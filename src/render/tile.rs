@@ -47,9 +47,10 @@ pub(crate) struct Tile {
 impl Tile {
     /// A tile of which `width` × `height` samples are used.
     pub(crate) fn new(width: usize, height: usize) -> Self {
-        let mut nearness = vec![f32::INFINITY; STRIDE * SIZE];
-        for row in nearness.chunks_exact_mut(STRIDE).take(height) {
-            row[..width].fill(0.0);
+        let mut nearness = vec![0.0; STRIDE * SIZE];
+        for (index, row) in nearness.chunks_exact_mut(STRIDE).enumerate() {
+            let used = if index < height { width } else { 0 };
+            row[used..].fill(f32::INFINITY);
         }
         Self {
             nearness,
