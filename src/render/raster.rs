@@ -11,7 +11,7 @@ use super::cluster::{Cluster, Eight};
 use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Lens, Place, Projected, ULP};
 use super::near;
-use super::sieve::{Offers, Sieve, sieve};
+use super::sieve::{Offers, Reach, Sieve, sieve};
 use super::strokes::Stored;
 use super::tile::{DOUBT, SIZE, STRIDE, Spot, Tile};
 
@@ -27,7 +27,7 @@ const WHOLE: (Spot, Spot) = (
 const SIEVED_AREA: f32 = 4.0;
 /// Samples a side up to which triangles are drawn side by side.
 pub(super) const SMALL: usize = 4;
-const LAST: f32 = (SIZE - 1) as f32;
+pub(super) const LAST: f32 = (SIZE - 1) as f32;
 
 /// Draws clusters into one tile.
 pub(crate) struct Brush<'t> {
@@ -208,46 +208,6 @@ struct Group<L: Lanes> {
 #[inline(always)]
 pub(super) fn spread<L: Lanes>(l: L, [a, b, c]: [L::V; 3]) -> (L::V, L::V) {
     (l.min(l.min(a, b), c), l.max(l.max(a, b), c))
-}
-
-/// First and last sample between three coordinates, `error` allowed for.
-#[inline(always)]
-fn samples<L: Lanes>(l: L, corners: [L::V; 3], error: L::V) -> [L::V; 2] {
-    let (low, high) = spread(l, corners);
-    let low = l.max(l.sub(low, error), l.splat(0.0));
-    let high = l.min(l.add(high, error), l.splat(LAST));
-    [l.ceil(low), l.floor(high)]
-}
-
-/// Which samples eight triangles may cover.
-pub(super) struct Reach<L: Lanes> {
-    xs: [L::V; 3],
-    ys: [L::V; 3],
-    /// First and last column, first and last row.
-    columns: [L::V; 2],
-    rows: [L::V; 2],
-    /// Lanes with a triangle that may cover some.
-    pub(super) alive: u32,
-}
-
-impl<L: Lanes> Reach<L> {
-    #[inline(always)]
-    pub(super) fn of(l: L, scratch: &Projected, eight: &Eight) -> Self {
-        let (few, places) = (scratch.few, &eight.places);
-        let reach = l.splat(scratch.error + scratch.away);
-        let xs = l.gather(&scratch.x, few, places);
-        let columns = samples(l, xs, reach);
-        let ys = l.gather(&scratch.y, few, places);
-        let rows = samples(l, ys, reach);
-        let none = l.or(l.below(columns[1], columns[0]), l.below(rows[1], rows[0]));
-        Self {
-            xs,
-            ys,
-            columns,
-            rows,
-            alive: ALL >> (LANES - eight.used) & !l.bits(none),
-        }
-    }
 }
 
 impl<L: Lanes> Group<L> {

@@ -2,9 +2,9 @@
 //! so are the samples that they are offered to.
 
 use super::cluster::{Cluster, Eight, MOST_TRIANGLES};
-use super::lanes::{LANES, Lanes, whole};
+use super::lanes::{ALL, LANES, Lanes, whole};
 use super::lens::Projected;
-use super::raster::{Reach, SMALL};
+use super::raster::{LAST, SMALL, spread};
 
 /// Samples that a triangle which is drawn as a small one covers at most.
 const MOST_SAMPLES: usize = SMALL * SMALL;
@@ -14,6 +14,46 @@ const SIEVED: usize = MOST_TRIANGLES + LANES;
 const OFFERS: usize = 512;
 const MOST_WAITING: usize = OFFERS - LANES * MOST_SAMPLES - LANES;
 const _: () = assert!(MOST_WAITING > OFFERS / 4);
+
+/// Which samples eight triangles may cover.
+pub(super) struct Reach<L: Lanes> {
+    pub(super) xs: [L::V; 3],
+    pub(super) ys: [L::V; 3],
+    /// First and last column, first and last row.
+    pub(super) columns: [L::V; 2],
+    pub(super) rows: [L::V; 2],
+    /// Lanes with a triangle that may cover some.
+    pub(super) alive: u32,
+}
+
+impl<L: Lanes> Reach<L> {
+    #[inline(always)]
+    pub(super) fn of(l: L, scratch: &Projected, eight: &Eight) -> Self {
+        let (few, places) = (scratch.few, &eight.places);
+        let reach = l.splat(scratch.error + scratch.away);
+        let xs = l.gather(&scratch.x, few, places);
+        let columns = samples(l, xs, reach);
+        let ys = l.gather(&scratch.y, few, places);
+        let rows = samples(l, ys, reach);
+        let none = l.or(l.below(columns[1], columns[0]), l.below(rows[1], rows[0]));
+        Self {
+            xs,
+            ys,
+            columns,
+            rows,
+            alive: ALL >> (LANES - eight.used) & !l.bits(none),
+        }
+    }
+}
+
+/// First and last sample between three coordinates, `error` allowed for.
+#[inline(always)]
+fn samples<L: Lanes>(l: L, corners: [L::V; 3], error: L::V) -> [L::V; 2] {
+    let (low, high) = spread(l, corners);
+    let low = l.max(l.sub(low, error), l.splat(0.0));
+    let high = l.min(l.add(high, error), l.splat(LAST));
+    [l.ceil(low), l.floor(high)]
+}
 
 /// Triangles of a cluster that may cover a sample.
 #[derive(Debug)]
