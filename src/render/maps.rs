@@ -20,7 +20,7 @@ use super::row::{Cross, Line};
 use super::scan::scan;
 use super::surface::Frame;
 use super::tile::{NONE, SIZE, Tile};
-use crate::ahead::{WORDS, prefetch, streamed};
+use crate::ahead::{WORDS, prefetch};
 use crate::parallel;
 use glam::DVec3;
 use std::hint::select_unpredictable;
@@ -38,7 +38,7 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
     parallel::for_each_chunk(&mut bands, 1, |band, maps| {
         let row = band * SIZE;
         let rows = SIZE.min(height - row);
-        let (mut resolver, mut waiting) = (Resolver::new(), Waiting::NONE);
+        let (mut resolver, mut waiting) = (Resolver::new(), Waiting::new());
         for column in (0..width).step_by(SIZE) {
             let place = Place {
                 eye: &eye,
@@ -60,7 +60,6 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
                 resolver.resolve((&place, &tile), (columns, rows), row);
             }
         }
-        streamed();
     });
 }
 

@@ -4,7 +4,7 @@
 use super::Seen;
 use super::row::Line;
 use super::tile::SIZE;
-use crate::ahead::{WORDS, Word, past_border, stream};
+use crate::ahead::{Stream, WORDS, Word, past_border};
 
 /// Some rows of all maps, pixel by pixel.
 pub(super) struct Maps<'s> {
@@ -57,11 +57,17 @@ impl<'s> Maps<'s> {
             depth,
             normals,
             weights,
+            stream,
         } = waiting;
-        send(self.triangles, &mut line.triangles, (row, 1), triangles);
-        send(self.depth, &mut line.depth, (row, 1), depth);
-        send(self.weights, &mut line.weights, (row, 2), weights);
-        send(self.normals, &mut line.normals, (row, 3), normals);
+        send(
+            stream,
+            (self.triangles, &mut line.triangles),
+            (row, 1),
+            triangles,
+        );
+        send(stream, (self.depth, &mut line.depth), (row, 1), depth);
+        send(stream, (self.weights, &mut line.weights), (row, 2), weights);
+        send(stream, (self.normals, &mut line.normals), (row, 3), normals);
     }
 }
 
@@ -77,8 +83,9 @@ pub(super) struct Row {
     pub(super) joined: [bool; 2],
 }
 
-/// The last words of each row, map by map.
+/// The last words of each row, map by map, and what writes them.
 pub(super) struct Waiting {
+    stream: Stream,
     triangles: [[u32; WORDS]; SIZE],
     depth: [[f32; WORDS]; SIZE],
     normals: [[f32; WORDS]; SIZE],
@@ -86,12 +93,15 @@ pub(super) struct Waiting {
 }
 
 impl Waiting {
-    pub(super) const NONE: Self = Self {
-        triangles: [[0; WORDS]; SIZE],
-        depth: [[0.0; WORDS]; SIZE],
-        normals: [[0.0; WORDS]; SIZE],
-        weights: [[0.0; WORDS]; SIZE],
-    };
+    pub(super) fn new() -> Self {
+        Self {
+            stream: Stream::new(),
+            triangles: [[0; WORDS]; SIZE],
+            depth: [[0.0; WORDS]; SIZE],
+            normals: [[0.0; WORDS]; SIZE],
+            weights: [[0.0; WORDS]; SIZE],
+        }
+    }
 }
 
 #[inline(always)]
@@ -102,8 +112,8 @@ fn copy<T: Word>(map: &mut [T], (first, count): (usize, usize), line: &[T]) {
 /// Writes a row of a map with `words` to a pixel.
 #[inline(always)]
 fn send<T: Word>(
-    map: &mut [T],
-    line: &mut [T],
+    stream: &Stream,
+    (map, line): (&mut [T], &mut [T]),
     (row, words): (&Row, usize),
     waiting: &mut [[T; WORDS]; SIZE],
 ) {
@@ -121,10 +131,54 @@ fn send<T: Word>(
     }
     let left = first + count - to;
     let whole = left - left % WORDS;
-    stream(&line[from..][..whole], &mut map[to..][..whole]);
+    stream.copy(&line[from..][..whole], &mut map[to..][..whole]);
     if joined_right {
         waiting.copy_from_slice(&line[count..][..WORDS]);
     } else {
         map[to + whole..first + count].copy_from_slice(&line[from + whole..WORDS + count]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of numbered words, sent tile by tile to a map that begins `shift` words after some place.
+    fn sent((width, rows): (usize, usize), words: usize, shift: usize) -> Vec<u32> {
+        let mut memory = vec![u32::MAX; shift + words * width * rows];
+        let map = &mut memory[shift..];
+        let mut waiting = [[0; WORDS]; SIZE];
+        let stream = Stream::new();
+        for column in (0..width).step_by(SIZE) {
+            for number in 0..rows {
+                let (first, count) = (number * width + column, SIZE.min(width - column));
+                let row = Row {
+                    number,
+                    first,
+                    count,
+                    joined: [column > 0, column + count < width],
+                };
+                let mut line = vec![7; 2 * WORDS + words * SIZE];
+                for (word, place) in line[WORDS..].iter_mut().zip(0..words * count) {
+                    *word = u32::try_from(words * first + place).unwrap();
+                }
+                send(&stream, (&mut *map, &mut line), (&row, words), &mut waiting);
+            }
+        }
+        drop(stream);
+        memory.split_off(shift)
+    }
+
+    #[test]
+    fn every_word_arrives_wherever_cache_lines_begin() {
+        for width in [1, 3, 15, 16, 17, 63, 64, 65, 100, 128, 200] {
+            for words in 1..=3 {
+                for shift in 0..WORDS {
+                    let expected: Vec<u32> = (0..).take(words * width * 5).collect();
+                    let found = sent((width, 5), words, shift);
+                    assert!(found == expected, "{width} wide, {words} words, {shift}");
+                }
+            }
+        }
     }
 }
