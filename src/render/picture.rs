@@ -33,15 +33,19 @@ pub(crate) fn render(
     let across = width.div_ceil(SIZE);
     let corner = |index: usize| (index % across * SIZE, index / across * SIZE);
     let count = across * height.div_ceil(SIZE);
-    let tiles = parallel::map_with(count, Easel::new, |easel, index| {
-        let (column, row) = corner(index);
-        let size = (SIZE.min(width - column), SIZE.min(height - row));
-        painter.paint((column, row), size, easel)
-    });
     let mut whole = Maps::empty((width, width * height), options);
-    for (index, tile) in tiles.iter().enumerate() {
-        if let Some(tile) = tile {
-            whole.put(tile, corner(index));
+    // Some at a time: they are copied while they are near, and need little memory.
+    let some = 32 * parallel::threads();
+    for first in (0..count).step_by(some) {
+        let tiles = parallel::map_with(some.min(count - first), Easel::new, |easel, index| {
+            let (column, row) = corner(first + index);
+            let size = (SIZE.min(width - column), SIZE.min(height - row));
+            painter.paint((column, row), size, easel)
+        });
+        for (index, tile) in tiles.iter().enumerate() {
+            if let Some(tile) = tile {
+                whole.put(tile, corner(first + index));
+            }
         }
     }
     whole.finish((camera.width(), camera.height()))

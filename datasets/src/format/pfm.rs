@@ -171,6 +171,9 @@ pub fn write_color(out: &mut impl Write, raster: &Raster<[f32; 3]>) -> std::io::
     })
 }
 
+/// Bytes that are written at a time, at least.
+const AT_A_TIME: usize = 1 << 17;
+
 fn write_rows<T, const N: usize>(
     out: &mut impl Write,
     magic: &str,
@@ -183,11 +186,17 @@ fn write_rows<T, const N: usize>(
         raster.width(),
         raster.height()
     )?;
-    let mut line = Vec::with_capacity(raster.width() as usize * N);
-    for row in raster.rows().rev() {
-        line.clear();
-        line.extend(row.iter().flat_map(&bytes_of));
-        out.write_all(&line)?;
+    let width = raster.width() as usize;
+    let some = AT_A_TIME / (width * N) + 1;
+    let mut bytes = vec![[0; N]; width * some.min(raster.height() as usize)];
+    for rows in raster.values().rchunks(width * some) {
+        let upwards = rows.chunks_exact(width).rev();
+        for (to, from) in bytes.chunks_exact_mut(width).zip(upwards) {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = bytes_of(from);
+            }
+        }
+        out.write_all(bytes[..rows.len()].as_flattened())?;
     }
     Ok(())
 }
@@ -196,6 +205,21 @@ fn write_rows<T, const N: usize>(
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn rows_stand_from_the_bottom_however_many_are_written_at_a_time() {
+        for (width, height) in [(700, 401), (1, 70_000), (70_000, 1), (40_000, 3)] {
+            let values: Vec<f32> = (0..width * height).map(|i| i as f32).collect();
+            let raster = Raster::from_values(width, height, values).unwrap();
+            let mut found = Vec::new();
+            write_gray(&mut found, &raster).unwrap();
+            let mut expected = format!("Pf\n{width} {height}\n-1.000000\n").into_bytes();
+            for row in raster.rows().rev() {
+                expected.extend(row.iter().flat_map(|value| value.to_le_bytes()));
+            }
+            assert!(found == expected, "{width} x {height}");
+        }
+    }
 
     fn bits(raster: &Raster<f32>) -> Vec<u32> {
         raster
