@@ -22,6 +22,17 @@ impl Warning {
     }
 }
 
+/// A warning where more pixels show the backs of triangles than their fronts.
+pub(crate) fn of_back_faces(backs: usize, fronts: usize) -> Option<Warning> {
+    (backs > fronts).then(|| {
+        let message = format!(
+            "{backs} pixels show the backs of triangles and {fronts} their fronts: if the faces are \
+             wound the other way, --back-faces valid takes both sides"
+        );
+        Warning::new("back-faces", message)
+    })
+}
+
 /// Where warnings are collected while work runs on several threads.
 #[derive(Debug, Default)]
 pub struct Warnings {

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 /// Blend renderings with photographs: the rendering's detail in the photograph's light
 ///
-/// The low frequencies come from the photograph, the high ones from the rendering (BlendedMVS,
-/// section 3.2). Writes <name>.jpg and <name>_masked.jpg.
+/// The low frequencies come from the photograph, the high ones from the rendering (as the
+/// BlendedMVS paper generates its blended images). Writes <name>.jpg and <name>_masked.jpg.
 ///
 /// Example: mvs-eval blend --rendered rendered --photos images --out blended
 #[derive(Debug, Args, Serialize)]
@@ -16,7 +16,8 @@ pub(crate) struct BlendArgs {
     /// What `render` wrote, or a folder of renderings on black
     #[arg(long, value_name = "DIR")]
     rendered: Option<PathBuf>,
-    /// A folder of photographs with the renderings' names
+    /// A folder of photographs with the renderings' names; one of another size is resized to cover its
+    /// rendering and cut to the centre
     #[arg(long, value_name = "DIR")]
     photos: Option<PathBuf>,
     /// The folder to write

@@ -98,6 +98,14 @@ struct GenerateFlags {
     /// `widened` so that no depth is lost to readers
     #[arg(long, value_enum)]
     range: Option<RangeFlag>,
+    /// Make each depth range longer by this fraction of its length at either end (default 0)
+    #[arg(long, value_name = "FRACTION")]
+    range_margin: Option<f64>,
+    /// The pixel centre that the written cams are for: half (default) or integer; readers of
+    /// BlendedMVS expect half
+    #[arg(long = "export-pixel-center", value_enum)]
+    #[serde(rename = "pixel_centre", skip_serializing_if = "Option::is_none")]
+    export_pixel_center: Option<Centre>,
     /// JPEG quality (default 95)
     #[arg(long, value_name = "1-100")]
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,6 +1,6 @@
 use super::common::{Centre, Global, Verdict, resolve, with_context};
 use super::output::{answer, table};
-use super::render::CameraFlags;
+use super::render::{CameraFlags, MeshFlags};
 use clap::Args;
 use mvs_eval::jobs::pairs::{self, PairsJob};
 use serde::Serialize;
@@ -17,7 +17,7 @@ pub(crate) struct PairsArgs {
     /// A folder with a COLMAP model (binary or text); with --mesh, cameras of any kind
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
-    /// Mesh files or folders of tiles
+    /// Mesh files, folders of tiles, or quoted patterns like 'tiles/*.obj'
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     mesh: Vec<PathBuf>,
@@ -29,6 +29,8 @@ pub(crate) struct PairsArgs {
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
+    #[command(flatten)]
+    meshes: MeshFlags,
     #[command(flatten)]
     pairs: PairFlags,
 }

@@ -8,11 +8,11 @@ use std::path::PathBuf;
 /// Check a BlendedMVS scene: format, depth against cameras, colours, conventions
 ///
 /// Names what is wrong (half a pixel, swapped poses, scaled intrinsics, range instead of z-depth,
-/// shuffled pairs, missing files, …) and exits with 1 when there is a fault. Works on anybody's
+/// shuffled pairs, a single view that does not fit, missing files, …) and exits with 1 when there is a fault. Works on anybody's
 /// data in that format.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct VerifyArgs {
-    /// A scene folder, or a data set's root
+    /// A scene folder, or a data set's root, whose scenes are all verified, listed ones too
     scene: Option<PathBuf>,
     /// A folder for verify.json
     #[arg(long, value_name = "DIR")]
@@ -27,7 +27,7 @@ struct VerifyFlags {
     #[arg(long = "pixel-center", value_enum)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pixel_centre: Option<Centre>,
-    /// Points per view that are carried into its source views (default 2000)
+    /// Points per view that are carried into its source views (default 2000, at least 200)
     #[arg(long, value_name = "N")]
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<u32>,

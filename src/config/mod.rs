@@ -29,14 +29,15 @@ pub fn layer_of(flags: &impl Serialize) -> Result<Table> {
     Table::try_from(flags).map_err(|error| Error::invalid("options", error.to_string()))
 }
 
-/// The layer in a file: the options of a `run.toml` of the same command, or bare options.
+/// The layer in a file: the options of a `run.toml` of the same command (which says `command`), or
+/// bare options.
 pub fn read_layer(path: &Path, command: &str) -> Result<Table> {
     let text = files::read_text(path)?;
     let table: Table = toml::from_str(&text).map_err(|error| {
         let problem = error.to_string().trim().replace('\n', " ");
         Error::invalid(path.display().to_string(), problem)
     })?;
-    if !table.contains_key("options") {
+    if !table.contains_key("command") {
         return Ok(table);
     }
     let run = Run::read(path)?;

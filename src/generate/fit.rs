@@ -3,11 +3,14 @@
 
 use super::{resample, undistort};
 use crate::error::{Error, Result};
+use glam::DVec2;
 use mvs_datasets::scene::{Camera, ColorImage, Distortion, View};
 
 /// How a view's image becomes one of the wanted size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
+    /// The size of the image that the camera took.
+    own: (u32, u32),
     resized: (u32, u32),
     offset: (u32, u32),
     camera: Camera,
@@ -27,7 +30,8 @@ impl Fit {
         })
     }
 
-    /// The fit of an image that `camera` took to `size` (width, height), or to its own size.
+    /// The fit of an image that `camera` took to `size` (width, height), or to its own size; at most
+    /// 65535 pixels a side, before the cut too.
     pub fn new(camera: &Camera, size: Option<(u32, u32)>) -> Result<Self> {
         let own = (camera.width(), camera.height());
         let size = size.unwrap_or(own);
@@ -41,6 +45,13 @@ impl Fit {
         let scaled =
             |length: u32, wanted: u32| ((f64::from(length) * scale).round() as u32).max(wanted);
         let resized = (scaled(own.0, size.0), scaled(own.1, size.1));
+        if resized.0.max(resized.1) > MOST_SIDE {
+            let problem = format!(
+                "expected at most {MOST_SIDE} pixels a side, found {}x{} to cover {}x{}",
+                resized.0, resized.1, size.0, size.1
+            );
+            return Err(Error::invalid("image size", problem));
+        }
         let offset = ((resized.0 - size.0) / 2, (resized.1 - size.1) / 2);
         let camera = camera.resized(resized.0, resized.1)?.cropped(
             i64::from(offset.0),
@@ -49,6 +60,7 @@ impl Fit {
             size.1,
         )?;
         Ok(Self {
+            own,
             resized,
             offset,
             camera,
@@ -70,20 +82,20 @@ impl Fit {
     }
 
     /// The photograph, of whatever size, fitted, and the number of pixels that it does not cover,
-    /// where its border is repeated. Its shape must be that of the camera it was fitted for to 1 %.
+    /// where its border is repeated. Its shape must be that of the camera it was fitted for, to the
+    /// rounding of its sides.
     pub fn image(&self, photograph: ColorImage) -> Result<(ColorImage, usize)> {
         let size = (self.camera.width(), self.camera.height());
         let bent = self.lens.is_some();
         if photograph.size() == self.resized && self.resized == size && !bent {
             return Ok((photograph, 0));
         }
-        let shape = |(width, height): (u32, u32)| f64::from(width) / f64::from(height);
-        let stretch = shape(photograph.size()) / shape(self.resized);
-        if (stretch - 1.0).abs() > 0.01 {
+        if !same_shape(self.own, photograph.size()) {
             let (width, height) = photograph.size();
             let problem = format!(
-                "expected the shape of the camera's image, a multiple of {} x {}, found {width} x {height}",
-                self.resized.0, self.resized.1
+                "expected the shape of the camera's image, a multiple of {} x {}, found {width} x \
+                 {height}; is the camera's size (--camera-size) that of the photographs?",
+                self.own.0, self.own.1
             );
             return Err(Error::invalid("photograph", problem));
         }
@@ -95,10 +107,33 @@ impl Fit {
     }
 }
 
+/// The image resized by the smallest scale that covers `size` (width, height) and cut to its centre,
+/// whatever its shape.
+pub fn covering(image: ColorImage, size: (u32, u32)) -> Result<ColorImage> {
+    let (width, height) = image.size();
+    let center = 0.5 * DVec2::new(f64::from(width), f64::from(height));
+    let camera = Camera::new(width, height, DVec2::ONE, center)?;
+    Ok(Fit::new(&camera, Some(size))?.image(image)?.0)
+}
+
+/// The most pixels on a side that a JPEG can have.
+const MOST_SIDE: u32 = 65_535;
+
+/// Whether images of the two sizes (width, height) show the same at two scales: the shorter side is
+/// what follows from the longer one, to the rounding of either image to whole pixels.
+pub(crate) fn same_shape(own: (u32, u32), other: (u32, u32)) -> bool {
+    let sides = |(width, height): (u32, u32)| match own.0 >= own.1 {
+        true => (f64::from(width), f64::from(height)),
+        false => (f64::from(height), f64::from(width)),
+    };
+    let ((long, short), (other_long, other_short)) = (sides(own), sides(other));
+    let scale = other_long / long;
+    (other_short - short * scale).abs() <= scale.max(1.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec2;
 
     fn camera(width: u32, height: u32) -> Camera {
         let center = DVec2::new(f64::from(width) / 2.0, f64::from(height) / 2.0);
@@ -159,5 +194,33 @@ mod tests {
         let tall = ColorImage::filled(20, 30, [7; 3]).unwrap();
         assert!(fit.image(tall).unwrap_err().to_string().contains("20 x 30"));
         assert!(Fit::new(&camera, Some((0, 3))).is_err());
+    }
+
+    #[test]
+    fn shapes_are_compared_to_a_pixel_of_rounding() {
+        for (own, other, same) in [
+            ((3000, 2000), (3000, 2000), true),
+            ((3000, 2000), (1000, 667), true), // 666.7
+            ((1000, 667), (3000, 2000), true), // of 2001
+            ((667, 1000), (2000, 3000), true),
+            ((7952, 5304), (249, 166), true),
+            ((3000, 2000), (3000, 2002), false), // within 1 %, and another picture
+            ((3000, 2000), (1500, 1010), false),
+            ((3000, 2000), (2000, 3000), false),
+            ((10, 7), (20, 15), true), // rounding of a small image, 1.43 or 1.33
+        ] {
+            assert_eq!(same_shape(own, other), same, "{own:?} {other:?}");
+        }
+    }
+
+    #[test]
+    fn sizes_that_no_image_has_are_refused_before_any_memory_is_taken() {
+        let thin = camera(10_000, 1);
+        for (camera, size) in [(camera(30, 20), (70_000, 50)), (thin, (2048, 1536))] {
+            let error = Fit::new(&camera, Some(size)).unwrap_err().to_string();
+            assert!(error.contains("at most 65535 pixels a side"), "{error}");
+        }
+        let error = Fit::new(&self::camera(65_536, 8), None).unwrap_err();
+        assert!(error.to_string().contains("65536x8"), "{error}");
     }
 }

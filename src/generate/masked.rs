@@ -12,23 +12,31 @@ use mvs_datasets::scene::{ColorImage, Mask};
 const DARK: u8 = 8;
 
 /// The bytes of a JPEG of what the mask leaves of `blended`, encoded by `options` if its background
-/// comes back dark, else with full chroma and the least quality above that does. Both of one size. Not
-/// to be asked where the mask leaves nothing out: the image itself is the masked one.
-pub(super) fn encode(blended: &ColorImage, mask: &Mask, options: JpegOptions) -> Result<Vec<u8>> {
+/// comes back dark, else with full chroma and the least quality above that does; and the options that
+/// were used. Both of one size. Not to be asked where the mask leaves nothing out: the image itself is
+/// the masked one.
+pub(crate) fn encode(
+    blended: &ColorImage,
+    mask: &Mask,
+    options: JpegOptions,
+) -> Result<(Vec<u8>, JpegOptions)> {
     let full_chroma = |quality: u8| JpegOptions {
         quality: quality.max(options.quality),
         subsample_chroma: false,
     };
     for attempt in [options, full_chroma(options.quality), full_chroma(98)] {
         if jpeg::stays_dark(blended, mask, attempt, DARK).map_err(refused)? {
-            return jpeg::encode(blended, Some(mask), attempt).map_err(refused);
+            let bytes = jpeg::encode(blended, Some(mask), attempt).map_err(refused)?;
+            return Ok((bytes, attempt));
         }
     }
-    jpeg::encode(blended, Some(mask), full_chroma(100)).map_err(refused)
+    let best = full_chroma(100);
+    let bytes = jpeg::encode(blended, Some(mask), best).map_err(refused)?;
+    Ok((bytes, best))
 }
 
 /// The bytes of a JPEG of `image`.
-pub(super) fn jpeg(image: &ColorImage, options: JpegOptions) -> Result<Vec<u8>> {
+pub(crate) fn jpeg(image: &ColorImage, options: JpegOptions) -> Result<Vec<u8>> {
     jpeg::encode(image, None, options).map_err(refused)
 }
 
@@ -66,13 +74,14 @@ mod tests {
             brightest_outside(&plain, &mask) > 10,
             "the plain JPEG would do"
         );
-        let bytes = encode(&red, &mask, JpegOptions::default()).unwrap();
+        let (bytes, used) = encode(&red, &mask, JpegOptions::default()).unwrap();
+        assert!(!used.subsample_chroma && used.quality >= 95);
         assert!(brightest_outside(&read(&bytes), &mask) <= DARK);
         let black = image([0; 3]).unwrap();
         let plain = jpeg(&black, JpegOptions::default()).unwrap();
         assert_eq!(
             encode(&black, &mask, JpegOptions::default()).unwrap(),
-            plain
+            (plain, JpegOptions::default())
         );
     }
 
@@ -102,7 +111,7 @@ mod tests {
                 (0..width * height).map(|i| [level(i, 0), level(i, 1) / 2, level(i, 5) / 9]);
             let image = ColorImage::from_values(width, height, colors.collect()).unwrap();
             let masked = blend::masked(&image, &mask).unwrap();
-            let found = encode(&image, &mask, JpegOptions::default()).unwrap();
+            let (found, _) = encode(&image, &mask, JpegOptions::default()).unwrap();
             assert!(found == obvious(&masked, &mask), "{seed}");
             seen.push(found == jpeg(&masked, JpegOptions::default()).unwrap());
         }

@@ -2,7 +2,7 @@
 
 pub mod augment;
 mod fit;
-mod masked;
+pub(crate) mod masked;
 mod pairs;
 mod photos;
 mod plan;
@@ -16,7 +16,8 @@ pub mod verify;
 mod view;
 pub mod visibility;
 
-pub use fit::Fit;
+pub(crate) use fit::same_shape;
+pub use fit::{Fit, covering};
 pub use pairs::{Covisibility, PairOptions};
 pub use photos::{PhotoFolder, Photographs};
 pub use plan::{mesh_digest, scene_id};
@@ -61,12 +62,13 @@ pub enum Extra {
 }
 
 /// How a scene is generated. The default is what the BlendedMVS paper and its set do, with the
-/// `normalized` blend.
+/// `normalized` blend and the cameras' own image sizes: the set's are 2048 × 1536 and 768 × 576. Some
+/// readers want all views of one size, and that of shape 4:3; a scene of another kind has a warning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GenerateOptions {
     /// Width and height of all images: photographs are resized to cover it and cut to its centre.
-    /// Without it every view keeps its camera's size.
+    /// Without it every view keeps its camera's size, of whatever shape.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub size: Option<(u32, u32)>,
     /// How a view's depth range is chosen.

@@ -63,6 +63,11 @@ impl PhotoFolder {
         Ok(image::read_size(&bytes).map_err(mvs_datasets::Error::in_file(path))?)
     }
 
+    /// The files, by view id.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.paths.values().map(PathBuf::as_path)
+    }
+
     fn path(&self, view: &View) -> Result<&PathBuf> {
         let unknown = || Error::invalid(format!("view {}", view.id), "has no photograph");
         self.paths.get(&view.id).ok_or_else(unknown)

@@ -7,7 +7,8 @@ use mvs_datasets::scene::{Mesh, View};
 use serde::Serialize;
 
 /// Changes when the same inputs would no longer give the same files.
-const PROCEDURE: &str = "generate 2";
+/// Held by a test with hashes of a view's files.
+pub(super) const PROCEDURE: &str = "generate 3";
 
 /// A hash of a mesh's content, textures included.
 pub fn mesh_digest(mesh: &Mesh) -> String {
@@ -110,8 +111,14 @@ pub fn scene_id(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::generate::{Source, generate};
+    use crate::progress::Silent;
+    use crate::render::Rendering;
+    use crate::warning::Warnings;
     use glam::DVec3;
-    use mvs_datasets::layout::blended::is_scene_id;
+    use mvs_datasets::layout::blended::{BlendedFolder, is_scene_id};
+    use mvs_datasets::scene::{ColorImage, Raster};
+    use mvs_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 
     fn mesh() -> Mesh {
         Mesh::new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]]).unwrap()
@@ -128,6 +135,64 @@ mod tests {
         assert_eq!(variants[0], mesh_digest(&mesh()));
         assert!(variants[0] != variants[1] && variants[0] != variants[2]);
         assert_ne!(variants[1], variants[2]);
+    }
+
+    /// Grey light; the photographs' content is the view's id.
+    struct Grey;
+
+    impl Photographs for Grey {
+        fn photograph(&self, view: &View, _: &Rendering) -> Result<ColorImage> {
+            let (width, height) = (view.camera.width(), view.camera.height());
+            let level = |i: u32| [(i % width * 2) as u8, (i / width * 2) as u8, 90];
+            Ok(Raster::from_values(
+                width,
+                height,
+                (0..width * height).map(level).collect(),
+            )?)
+        }
+
+        fn digest(&self, _: &View) -> Result<String> {
+            Ok(String::new())
+        }
+    }
+
+    /// What the files of a view were when [`PROCEDURE`] was written. Other bytes need another
+    /// procedure, or finished views of older programs are kept among new ones.
+    #[test]
+    fn the_procedure_changes_when_the_bytes_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = SyntheticOptions {
+            views: 3,
+            width: 96,
+            height: 72,
+            ..SyntheticOptions::default()
+        };
+        let scene = SyntheticScene::new(options).unwrap();
+        let source = Source {
+            name: "golden",
+            id: &scene_id("golden"),
+            mesh: scene.mesh(),
+            views: scene.scene().views(),
+            photographs: &Grey,
+            notes: &[],
+            sources: None,
+        };
+        let options = GenerateOptions {
+            extras: [Extra::RenderedImages, Extra::Normals, Extra::Masks].into(),
+            ..GenerateOptions::default()
+        };
+        let target = BlendedFolder::new(folder.path());
+        let made = generate(&source, &target, &options, &Silent, &Warnings::default()).unwrap();
+        let files = made.views[0].files.iter();
+        let found: Vec<String> = files
+            .map(|(name, hash)| format!("{name} {}", &hash[..16]))
+            .collect();
+        assert_eq!(PROCEDURE, "generate 3", "record the new hashes below");
+        let expected = [""; 0];
+        assert_eq!(
+            found, expected,
+            "other bytes: change PROCEDURE, then record these"
+        );
     }
 
     #[test]

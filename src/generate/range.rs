@@ -18,7 +18,8 @@ pub enum RangeRule {
     /// From the smallest to the largest depth.
     Full,
     /// Wide enough that no depth is lost to readers that, like MVSNet, keep only truth in
-    /// (min + Δ, min + 126·Δ] with Δ = (max − min) / 128.
+    /// (min + Δ, min + 126·Δ] with Δ = (max − min) / 128. That is possible while the largest depth is
+    /// below about 124 times the smallest: no range starts below 0.
     Widened,
 }
 

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::parallel;
 use crate::progress::Progress;
 use crate::render::Renderer;
-use crate::warning::Warnings;
+use crate::warning::{Warnings, of_back_faces};
 use mvs_datasets::format::npy;
 use mvs_datasets::layout::blended::BlendedFolder;
 use mvs_datasets::layout::blended::record::{self, LeftOut, SceneFile, ViewRecord};
@@ -98,8 +98,8 @@ pub fn generate(
 }
 
 /// Generates sets of the scene that differ in image size, or a part of them. Source views are chosen
-/// at the first target's size and hold for all; depth is rendered at each size. `options.size` is
-/// not looked at.
+/// at the first target's size and hold for all, and a view must see surface in each; depth is rendered
+/// at each size. `options.size` is not looked at.
 pub fn generate_sets(
     source: &Source<'_>,
     (targets, part): (&[Target], Part),
@@ -108,10 +108,12 @@ pub fn generate_sets(
     warnings: &Warnings,
 ) -> Result<Vec<Generated>> {
     view::check_jpeg_quality(options.jpeg_quality)?;
-    let first = targets.first().map(|target| target.size);
-    let first = first.ok_or_else(|| Error::invalid("image sizes", "expected one, found none"))?;
+    let sizes: Vec<_> = targets.iter().map(|target| target.size).collect();
+    if sizes.is_empty() {
+        return Err(Error::invalid("image sizes", "expected one, found none"));
+    }
     let renderer = Renderer::new(source.mesh)?;
-    let plan = plan_scene(source, (first, part), (&renderer, options), progress)?;
+    let plan = plan_scene(source, (&sizes, part), (&renderer, options), progress)?;
     for left_out in &plan.left_out {
         let message = format!("view {} is left out: {}", left_out.id, left_out.reason);
         warnings.add("view-left-out", message);
@@ -123,13 +125,12 @@ pub fn generate_sets(
             ..options.clone()
         };
         let digest = plan::scene_digest(&mesh, &options)?;
-        let fit = |view: &View| Ok(Fit::undistorting(&view.camera, target.size)?.view(view));
         let set = SetWork {
             source,
             plan: &plan,
             folder: &target.folder,
             options,
-            fitted: plan.views.iter().map(fit).collect::<Result<_>>()?,
+            fitted: fitted_to(&plan.views, target.size)?,
             part,
         };
         set.make(&renderer, &digest, progress, warnings)
@@ -157,6 +158,8 @@ impl SetWork<'_> {
         let mine: Vec<usize> = (0..self.fitted.len())
             .filter(|&index| self.part.holds(self.plan.places[index]))
             .collect();
+        // From here on the set is another one, or not whole.
+        view::remove_if_there(&self.folder.record())?;
         progress.begin("generating views", mine.len() as u64);
         let records = parallel::try_map(mine.len(), |at| {
             progress.check()?;
@@ -173,8 +176,8 @@ impl SetWork<'_> {
         let unfinished: Vec<usize> = unfinished.map(|(&index, _)| index).collect();
         self.refuse(&unfinished)?;
         let records: Vec<ViewRecord> = records.into_iter().flatten().collect();
-        for (code, message) in records.iter().flat_map(|record| &record.warnings) {
-            warnings.add(code, message.clone());
+        for (code, message) in of_records(&records) {
+            warnings.add(&code, message);
         }
         Ok(Generated {
             views: records.len(),
@@ -240,8 +243,7 @@ impl SetWork<'_> {
         });
         let notes = self.source.notes.iter();
         let notes = notes.map(|note| ("mesh".to_owned(), note.clone()));
-        let of_views = records.iter().flat_map(|record| record.warnings.clone());
-        let mut all: Vec<_> = notes.chain(left_out).chain(of_views).collect();
+        let mut all: Vec<_> = notes.chain(left_out).chain(of_records(records)).collect();
         all.sort();
         all.dedup();
         all
@@ -285,11 +287,39 @@ impl SetWork<'_> {
     }
 }
 
+/// What is to be known of finished views: their own warnings, and those of all together.
+fn of_records(records: &[ViewRecord]) -> Vec<(String, String)> {
+    let mut all: Vec<_> = records.iter().flat_map(|r| r.warnings.clone()).collect();
+    let backs = records.iter().map(|record| record.back_faces).sum();
+    let fronts = records.iter().map(|record| record.surface).sum();
+    all.extend(of_back_faces(backs, fronts).map(|warning| (warning.code, warning.message)));
+    let sizes: BTreeSet<(u32, u32)> = records.iter().map(|record| record.size).collect();
+    let texts = sizes
+        .iter()
+        .map(|(width, height)| format!("{width}x{height}"));
+    let text = texts.collect::<Vec<_>>().join(", ");
+    if sizes.len() > 1 {
+        let message = format!(
+            "the views have images of {text}: readers stack a scene's images and want one size, which \
+             --size gives"
+        );
+        all.push(("mixed-sizes".to_owned(), message));
+    }
+    if sizes.iter().any(|&(width, height)| width * 3 != height * 4) {
+        let message = format!(
+            "some readers cut images to 4:3; these are {text}; --size 2048x1536 or 768x576 is as in \
+             the published set"
+        );
+        all.push(("aspect".to_owned(), message));
+    }
+    all
+}
+
 /// Chooses the views and their sources. A shard that writes nothing of other views takes every view
 /// that sees surface: which of them belong into the scene is the merge's to find.
 fn plan_scene(
     source: &Source<'_>,
-    (size, part): (Option<(u32, u32)>, Part),
+    (sizes, part): (&[Option<(u32, u32)>], Part),
     (renderer, options): (&Renderer<'_>, &GenerateOptions),
     progress: &dyn Progress,
 ) -> Result<Plan> {
@@ -297,54 +327,79 @@ fn plan_scene(
     let mut given: Vec<usize> = (0..source.views.len()).collect();
     given.sort_by_key(|&place| source.views[place].id);
     let views: Vec<View> = given.iter().map(|&i| source.views[i].clone()).collect();
-    let fit = |view: &View| Ok(Fit::undistorting(&view.camera, size)?.view(view));
-    let fitted = views.iter().map(fit).collect::<Result<Vec<_>>>()?;
+    let sets = sizes.iter().map(|&size| fitted_to(&views, size));
+    let sets = sets.collect::<Result<Vec<Vec<View>>>>()?;
     let surface = (renderer, source.mesh);
     let look = (&options.pairs, options.render.back_faces);
-    let sees = |view: &View| pairs::sees_surface(surface, view, look);
+    let sees = |&place: &usize| {
+        let mut in_sets = sets.iter().map(|fitted| &fitted[place]);
+        in_sets.all(|view| pairs::sees_surface(surface, view, look))
+    };
     let occlusion = options.extras.contains(&Extra::Occlusion);
     if matches!(part, Part::Shard { .. }) && !occlusion {
-        let mine = |&place: &usize| part.holds(place) && sees(&fitted[place]);
-        let places: Vec<usize> = (0..fitted.len()).filter(mine).collect();
-        let nobody = vec![Vec::new(); fitted.len()];
+        let mine = |place: &usize| part.holds(*place) && sees(place);
+        let places: Vec<usize> = (0..views.len()).filter(mine).collect();
+        let nobody = vec![Vec::new(); views.len()];
         return Ok(Plan::new((&views, places), nobody, &[]));
     }
     let wanted = source.sources.is_none() || options.extras.contains(&Extra::Covisibility);
     let covisibility = match wanted {
-        true => Some(Covisibility::measure(surface, &fitted, look, progress)?),
+        true => Some(Covisibility::measure(surface, &sets[0], look, progress)?),
         false => None,
     };
-    let sources = match (source.sources, &covisibility) {
-        (None, Some(covisibility)) => covisibility.sources(&fitted, options.pairs.sources),
-        (chosen, _) => {
-            let blind = fitted.iter().filter(|view| !sees(view));
-            let blind: BTreeSet<u32> = blind.map(|view| view.id).collect();
-            let chosen = given
-                .iter()
-                .map(|&i| chosen.map_or_else(Vec::new, |all| all[i].clone()));
-            pairs::without(&fitted, chosen.collect(), blind)
-        }
+    let seeing = parallel::map(views.len(), |place| sees(&place));
+    let chosen = match (source.sources, &covisibility) {
+        (None, Some(covisibility)) => covisibility.sources(&sets[0], options.pairs.sources),
+        (chosen, _) => (given.iter())
+            .map(|&i| chosen.map_or_else(Vec::new, |all| all[i].clone()))
+            .collect(),
     };
+    let blind = (0..views.len()).filter(|&place| !seeing[place]);
+    let blind: BTreeSet<u32> = blind.map(|place| views[place].id).collect();
+    let sources = pairs::without(&views, chosen, blind);
     let has_sources = |&place: &usize| !sources[place].is_empty();
-    let places: Vec<usize> = (0..fitted.len()).filter(has_sources).collect();
+    let places: Vec<usize> = (0..views.len()).filter(has_sources).collect();
     if places.is_empty() {
         let problem = format!(
             "expected at least two views that see the same surface, found none among {}; are mesh \
              and cameras in the same frame, and poses world-to-camera?",
-            fitted.len()
+            views.len()
         );
         return Err(Error::invalid("views", problem));
     }
+    let left_out = (0..views.len()).filter(|place| !has_sources(place));
+    let left_out = left_out.map(|place| LeftOut {
+        id: views[place].id,
+        reason: reason(seeing[place], covisibility.as_ref(), place).to_owned(),
+    });
+    let left_out = left_out.collect();
     let shared = covisibility.as_ref().map_or(&[][..], Covisibility::shared);
-    let mut plan = Plan::new((&views, places), sources, shared);
-    let left_out = views.iter().filter(|view| !plan.views.contains(view));
-    plan.left_out = left_out
-        .map(|view| LeftOut {
-            id: view.id,
-            reason: "no other view sees the surface that it sees".to_owned(),
-        })
-        .collect();
-    Ok(plan)
+    Ok(Plan {
+        left_out,
+        ..Plan::new((&views, places), sources, shared)
+    })
+}
+
+/// The views, fitted to images of `size`.
+fn fitted_to(views: &[View], size: Option<(u32, u32)>) -> Result<Vec<View>> {
+    let fit = |view: &View| Ok(Fit::undistorting(&view.camera, size)?.view(view));
+    views.iter().map(fit).collect()
+}
+
+/// Why the view at `place` is left out.
+fn reason(sees: bool, covisibility: Option<&Covisibility>, place: usize) -> &'static str {
+    let seen_by_others = covisibility.is_some_and(|all| {
+        let row = &all.shared()[place * all.views()..][..all.views()];
+        (row.iter().enumerate()).any(|(other, &part)| other != place && part > 0.0)
+    });
+    match (sees, seen_by_others) {
+        (false, _) => "at the size of one of the sets it sees no surface",
+        (true, false) => "no other view sees the surface that it sees",
+        (true, true) => {
+            "other views see the surface that it sees, but none under an angle that counts: all \
+             scores round to 0"
+        }
+    }
 }
 
 impl Plan {

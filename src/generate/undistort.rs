@@ -3,14 +3,15 @@
 use super::resample::{LOBES, lanczos, to_level};
 use crate::error::Result;
 use crate::parallel;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{Camera, ColorImage, Raster};
 
 /// Places between two pixels at which the kernel is tabulated.
 const PHASES: usize = 1024;
 
 /// The image of `target`, a pinhole camera, from `photograph`, which `taken_by` took at whatever
-/// size; and how many of its pixels the photograph does not cover, where its border is repeated.
+/// size; and how many of its pixels the photograph does not cover, where its border is repeated, or
+/// what the lens shows last in that direction.
 ///
 /// Lanczos with three lobes, stretched where the photograph is finer than the target.
 pub(super) fn undistorted(
@@ -22,12 +23,13 @@ pub(super) fn undistorted(
     let finer = taken_by.focal() / target.focal();
     let kernels = (Kernel::new(finer.x), Kernel::new(finer.y));
     let width = target.width() as usize;
+    let field = taken_by.distortion().field_radius();
     let mut image = Raster::filled(target.width(), target.height(), [0u8; 3])?;
     let mut beyond = vec![0usize; target.height() as usize];
     parallel::for_each_chunk(image.values_mut(), width, |row, out| {
         for (column, value) in out.iter_mut().enumerate() {
             let centre = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
-            if let Some(at) = taken_by.project(target.ray(centre)) {
+            if let Some(at) = nearest(&taken_by, field, target.ray(centre)) {
                 *value = sample(photograph, (&kernels.0, &kernels.1), at);
             }
         }
@@ -41,6 +43,16 @@ pub(super) fn undistorted(
         count[0] = width - (0..width).filter(covered).count();
     });
     Ok((image, beyond.iter().sum()))
+}
+
+/// Where `ray` falls, or the ray in its direction at the edge of the lens's field, `field` wide at
+/// depth 1: further out the lens shows nothing.
+fn nearest(camera: &Camera, field: f64, ray: DVec3) -> Option<DVec2> {
+    camera.project(ray).or_else(|| {
+        let ideal = ray.truncate() / ray.z;
+        let edge = ideal * (field * (1.0 - 1e-9) / ideal.length());
+        camera.project(edge.extend(1.0))
+    })
 }
 
 /// Weights of the pixels around a place, by how far it lies behind a pixel's centre.
@@ -171,6 +183,23 @@ mod tests {
                 assert!((0..3).all(|c| f[c].abs_diff(e[c]) <= 1), "{f:?} {e:?}");
             }
         }
+    }
+
+    #[test]
+    fn beyond_the_field_of_a_barrel_lens_its_last_colour_is_repeated() {
+        let barrel = Distortion::RadialTangential {
+            radial: [-0.3, 0.0, 0.0, 0.0, 0.0, 0.0],
+            tangential: [0.0; 2],
+        };
+        // r (1 - 0.3 r²) grows to r = 1.054, the corner lies at 1.28.
+        let camera = pinhole(200, 160, 100.0).with_distortion(barrel).unwrap();
+        let photograph = ColorImage::filled(200, 160, [40, 50, 60]).unwrap();
+        let target = pinhole(200, 160, 100.0);
+        let corner = target.ray(DVec2::new(0.5, 159.5));
+        assert_eq!(camera.project(corner), None);
+        let (found, beyond) = undistorted(&photograph, &camera, &target).unwrap();
+        assert!(beyond > 100, "{beyond}");
+        assert!(found == photograph, "black where the lens ends");
     }
 
     #[test]

@@ -8,10 +8,10 @@ use super::{Extra, Fit, GenerateOptions, Source};
 use crate::blend::{self, Blender};
 use crate::error::{Error, Result};
 use crate::provenance;
-use crate::render::{RenderOptions, Renderer, Rendering};
+use crate::render::{RenderOptions, Renderer, Rendering, Sight};
 use mvs_datasets::format::image::{self, JpegOptions};
 use mvs_datasets::format::pfm;
-use mvs_datasets::layout::blended::record::{self, ViewRecord};
+use mvs_datasets::layout::blended::record::{self, Encoding, ViewRecord};
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, Mask, View};
@@ -29,6 +29,9 @@ pub(super) struct ViewWork<'a> {
     /// A blender for each image size of the set's views.
     pub(super) blenders: &'a BTreeMap<(u32, u32), Blender>,
 }
+
+/// A warning: code and sentence.
+type Coded = (String, String);
 
 /// The images of one view, of one size.
 struct Images {
@@ -53,12 +56,14 @@ impl ViewWork<'_> {
     /// Makes the files of a view (as given, fitted), unless they are there and follow from the same
     /// inputs.
     pub(super) fn finish(&self, views: (&View, &View), watchers: &[View]) -> Result<ViewRecord> {
-        if let Some(record) = self.find(views, watchers)? {
+        // Before the photograph is read: one that is exchanged meanwhile is another one next time.
+        let plan = self.digest(views, watchers)?;
+        let (given, fitted) = views;
+        if let Some(record) = finished(self.folder, &record_path(self.folder, fitted.id), &plan) {
             return Ok(record);
         }
-        let (given, fitted) = views;
         let images = self.images(given, fitted)?;
-        let record = self.write(views, &images, watchers)?;
+        let record = self.write((fitted, plan), &images, watchers)?;
         record::write_json(&record_path(self.folder, fitted.id), &record)?;
         Ok(record)
     }
@@ -102,16 +107,29 @@ impl ViewWork<'_> {
         })
     }
 
-    /// The view's depth range, and a warning where the wanted rule left nothing inside.
-    fn range(&self, view: &View, depth: &DepthMap) -> Result<(DepthRange, Option<String>)> {
+    /// The view's depth range, and a warning where the wanted rule left nothing inside or lost what it
+    /// is there to keep.
+    fn range(&self, view: &View, depth: &DepthMap) -> Result<(DepthRange, Option<Coded>)> {
         let (rule, margin) = (self.options.range, self.options.range_margin);
         let none = || {
             let problem = "expected rendered surface at some pixel centre, found none";
             Error::invalid(format!("view {}", view.id), problem)
         };
         let range = range::depth_range(depth, rule, margin)?.ok_or_else(none)?;
-        if range::kept_by_readers(depth, &range) > 0 {
-            return Ok((range, None));
+        let (kept, all) = (range::kept_by_readers(depth, &range), depth.valid_count());
+        if kept > 0 {
+            let lost = rule == RangeRule::Widened && kept < all;
+            let warning = lost.then(|| {
+                let (low, high) = extent(depth);
+                let message = format!(
+                    "view {}: readers lose {} of {all} depths, which reach from {low} to {high}: no \
+                     range holds more than a ratio of about 124",
+                    view.id,
+                    all - kept
+                );
+                ("depth-lost".to_owned(), message)
+            });
+            return Ok((range, warning));
         }
         let widened = range::depth_range(depth, RangeRule::Widened, margin)?.ok_or_else(none)?;
         let warning = format!(
@@ -122,17 +140,16 @@ impl ViewWork<'_> {
             widened.min(),
             widened.max()
         );
-        Ok((widened, Some(warning)))
+        Ok((widened, Some(("range-widened".to_owned(), warning))))
     }
 
     /// Writes all files of the view.
     fn write(
         &self,
-        views: (&View, &View),
+        (view, plan): (&View, String),
         images: &Images,
         watchers: &[View],
     ) -> Result<ViewRecord> {
-        let view = views.1;
         let (folder, id, rendering) = (self.folder, view.id, &images.rendering);
         let jpeg = JpegOptions {
             quality: self.options.jpeg_quality,
@@ -143,7 +160,7 @@ impl ViewWork<'_> {
             depth_range: Some(range),
             ..view.clone()
         };
-        write_images(folder, id, images, jpeg)?;
+        let masked_jpeg = write_images(folder, id, images, jpeg)?;
         folder.write_depth(id, &rendering.depth)?;
         folder.write_cam(&ranged, self.options.pixel_centre)?;
         let mut written = vec![
@@ -158,15 +175,16 @@ impl ViewWork<'_> {
         Ok(ViewRecord {
             id,
             name: view.name.clone(),
-            plan: self.digest(views, watchers)?,
+            plan,
             size: rendering.depth.size(),
             depth: extent(&rendering.depth),
             range: (range.min(), range.max()),
             surface: rendering.depth.valid_count(),
             kept_by_readers: range::kept_by_readers(&rendering.depth, &range),
+            back_faces: rendering.count(Sight::BackFace),
+            masked_jpeg,
             files: hashes(folder.path(), &written)?,
-            warnings: (warning.map(|message| ("range-widened".to_owned(), message)))
-                .into_iter()
+            warnings: (warning.into_iter())
                 .chain(beyond_warning(id, images))
                 .collect(),
         })
@@ -241,22 +259,30 @@ impl ViewWork<'_> {
     }
 }
 
-/// Writes the blended image, and what the mask leaves of it.
-fn write_images(folder: &BlendedFolder, id: u32, images: &Images, jpeg: JpegOptions) -> Result<()> {
+/// Writes the blended image, and what the mask leaves of it; says how that was encoded if not as asked.
+fn write_images(
+    folder: &BlendedFolder,
+    id: u32,
+    images: &Images,
+    jpeg: JpegOptions,
+) -> Result<Option<Encoding>> {
     let (blended, mask) = (&images.blended, &images.mask);
     let bytes = masked::jpeg(blended, jpeg)?;
     files::write_atomically(&folder.image(id), |out| out.write_all(&bytes))?;
-    let masked = if mask.values().contains(&false) {
+    let (masked, used) = if mask.values().contains(&false) {
         masked::encode(blended, mask, jpeg)?
     } else {
-        bytes
+        (bytes, jpeg)
     };
     files::write_atomically(&folder.masked_image(id), |out| out.write_all(&masked))?;
-    Ok(())
+    Ok((used != jpeg).then_some(Encoding {
+        quality: used.quality,
+        full_chroma: !used.subsample_chroma,
+    }))
 }
 
 /// A warning where the photograph does not cover the render.
-fn beyond_warning(id: u32, images: &Images) -> Option<(String, String)> {
+fn beyond_warning(id: u32, images: &Images) -> Option<Coded> {
     let all = images.photograph.values().len();
     (images.beyond > 0).then(|| {
         let percent = 100.0 * images.beyond as f64 / all as f64;
@@ -272,7 +298,7 @@ fn beyond_warning(id: u32, images: &Images) -> Option<(String, String)> {
 const DEPTH_JUMP: f32 = 0.02;
 
 /// Removes what earlier or interrupted runs left in the scene's folders and this one would not have
-/// written: files named like a view's, and temporary files. Anything else is left alone.
+/// written: files named exactly as a view's are there, and temporary files. Anything else is left alone.
 pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -> Result<()> {
     let mut kept: BTreeSet<PathBuf> = records
         .iter()
@@ -280,14 +306,14 @@ pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -
         .map(|name| folder.path().join(name))
         .collect();
     kept.extend(records.iter().map(|record| record_path(folder, record.id)));
-    for name in FOLDERS {
+    for (name, endings) in FOLDERS {
         let inside = folder.path().join(name);
         if !inside.is_dir() {
             continue;
         }
         for file in blended::names_in(&inside)? {
             let path = inside.join(&file);
-            let ours = file.starts_with(files::TEMPORARY) || starts_with_id(&file);
+            let ours = file.starts_with(files::TEMPORARY) || is_of_a_view(&file, endings);
             if ours && path.is_file() && !kept.contains(&path) {
                 remove(&path)?;
             }
@@ -298,6 +324,14 @@ pub(super) fn remove_leftovers(folder: &BlendedFolder, records: &[ViewRecord]) -
         }
     }
     Ok(())
+}
+
+/// Removes a file unless it is gone already.
+pub(super) fn remove_if_there(path: &Path) -> Result<()> {
+    match path.exists() {
+        true => remove(path),
+        false => Ok(()),
+    }
 }
 
 fn remove(path: &Path) -> Result<()> {
@@ -319,34 +353,49 @@ pub(super) fn remove_unasked(folder: &BlendedFolder, extras: &BTreeSet<Extra>) -
         .into_iter()
         .filter(|(extra, _)| !extras.contains(extra));
     for path in unasked.flat_map(|(_, paths)| paths) {
-        if path.is_file() {
-            remove(&path)?;
-        }
+        remove_if_there(&path)?;
     }
     Ok(())
 }
 
-/// The scene's folder and those in it that hold files of views.
-const FOLDERS: [&str; 14] = [
-    "",
-    "blended_images",
-    "cams",
-    "rendered_depth_maps",
-    "input_images",
-    "rendered_images",
-    "masks",
-    "normals",
-    "interpolated_normals",
-    "sight",
-    "occlusion",
-    "depth_edges",
-    "views",
-    "sparse/0",
+/// The scene's folder and those in it that hold files of views, with what comes after the views' ids
+/// in their names.
+const FOLDERS: [(&str, &[&str]); 14] = [
+    ("", &[]),
+    ("blended_images", &[".jpg", "_masked.jpg"]),
+    ("cams", &["_cam.txt"]),
+    ("rendered_depth_maps", &[".pfm"]),
+    ("input_images", &[".jpg"]),
+    ("rendered_images", &[".png"]),
+    ("masks", &[".png"]),
+    ("normals", &[".pfm"]),
+    ("interpolated_normals", &[".pfm"]),
+    ("sight", &[".png"]),
+    ("occlusion", &["_00000000.png"]), // a second id
+    ("depth_edges", &[".png"]),
+    ("views", &[".json"]),
+    ("sparse/0", &[]),
 ];
 
-fn starts_with_id(file: &str) -> bool {
-    let digits = file.bytes().take_while(u8::is_ascii_digit).count();
-    digits >= 8
+/// Whether a file's name is a view's id and one of the endings, in which eight zeros are an id too.
+fn is_of_a_view(file: &str, endings: &[&str]) -> bool {
+    let after_id = |name: &str| {
+        let digits = name.bytes().take_while(u8::is_ascii_digit).count();
+        let id: u32 = name[..digits].parse().ok()?;
+        (format!("{id:08}") == name[..digits]).then(|| name[digits..].to_owned())
+    };
+    let Some(rest) = after_id(file) else {
+        return false;
+    };
+    endings
+        .iter()
+        .any(|ending| match ending.split_once("00000000") {
+            None => rest == *ending,
+            Some((between, end)) => rest
+                .strip_prefix(between)
+                .and_then(after_id)
+                .is_some_and(|rest| rest == end),
+        })
 }
 
 /// Where the record of a finished view stands.

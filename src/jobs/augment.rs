@@ -36,8 +36,8 @@ pub struct AugmentOutcome {
 pub struct AugmentedImage {
     /// The file's name.
     pub file: String,
-    /// The number that the draw is for: the name's leading digits (a masked image has its view's
-    /// draw); without such a hash of the name.
+    /// The number that the draw is for: the one that the name is, without `_masked` (a masked image
+    /// has its view's draw); where the name is no number below 2³², a hash of it.
     pub view: u32,
     /// What was done to it, in order.
     pub steps: [Step; 3],
@@ -45,6 +45,13 @@ pub struct AugmentedImage {
 
 /// Changes every image of the folder.
 pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
+    super::require(
+        "augment",
+        &[
+            ("--images", &[&job.images], "a folder of images"),
+            ("--out", &[&job.out], "a folder to write"),
+        ],
+    )?;
     let folder = image_folder(&job.images);
     let names: Vec<String> = blended::names_in(&folder)?
         .into_iter()
@@ -100,11 +107,32 @@ fn augment_one(folder: &Path, name: &str, seed: u64, out: &OutDir) -> Result<Aug
 }
 
 fn view_of(name: &str) -> u32 {
-    let digits = name.find(|c: char| !c.is_ascii_digit());
-    let digits = &name[..digits.unwrap_or(name.len())];
-    digits.parse().unwrap_or_else(|_| {
-        let hash = blake3::hash(name.as_bytes());
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    let stem = stem.strip_suffix("_masked").unwrap_or(stem);
+    let is_number = stem.bytes().all(|byte| byte.is_ascii_digit());
+    let number = is_number.then(|| stem.parse().ok()).flatten();
+    number.unwrap_or_else(|| {
+        let hash = blake3::hash(stem.as_bytes());
         let [a, b, c, d, ..] = *hash.as_bytes();
         u32::from_le_bytes([a, b, c, d])
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::view_of;
+
+    #[test]
+    fn a_masked_image_has_its_view_s_draw_and_other_names_their_own() {
+        assert_eq!(
+            (view_of("00000012.jpg"), view_of("00000012_masked.jpg")),
+            (12, 12)
+        );
+        let stamps = ["1305031102.175304.png", "1305031102.211214.png"].map(view_of);
+        assert_ne!(stamps[0], stamps[1]);
+        let days = ["20261126_a.jpg", "20261126_b.jpg"].map(view_of);
+        assert_ne!(days[0], days[1]);
+        assert_eq!(view_of("left.jpg"), view_of("left_masked.jpg"));
+        assert_ne!(view_of("4294967296.jpg"), 0);
+    }
 }

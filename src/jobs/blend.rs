@@ -1,16 +1,17 @@
 //! `mvs-eval blend`: renderings + photographs → blended images.
 
 use super::{Context, OutDir};
-use crate::blend::{BlendOptions, Blender, masked};
+use crate::blend::{BlendOptions, Blender};
 use crate::error::{Error, Result};
-use crate::generate::resized;
+use crate::generate::{self, covering, same_shape};
 use crate::parallel;
 use crate::provenance::Run;
-use mvs_datasets::format::image::{self, JpegOptions};
+use mvs_datasets::format::image::JpegOptions;
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, Mask};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval blend`.
@@ -19,7 +20,8 @@ use std::path::{Path, PathBuf};
 pub struct BlendJob {
     /// What `render` wrote (`color/` and `depth/`), or a folder of renderings on black.
     pub rendered: PathBuf,
-    /// A folder of photographs with the renderings' names; resized to the renderings' size.
+    /// A folder of photographs with the renderings' names; resized to cover the renderings and cut to
+    /// their centre.
     pub photos: PathBuf,
     /// The folder for `<name>.jpg` and `<name>_masked.jpg`.
     pub out: PathBuf,
@@ -43,6 +45,8 @@ pub struct BlendedImage {
     pub size: (u32, u32),
     /// Whether the photograph had another size and was resized.
     pub resized: bool,
+    /// Whether it had another shape too and lost what lies beyond.
+    pub cut: bool,
     /// Mean absolute difference of rendering and photograph on the surface, in grey levels.
     pub difference_before: f64,
     /// The same of blended image and photograph.
@@ -59,6 +63,14 @@ struct Input {
 
 /// Blends every rendering with the photograph of its name.
 pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
+    super::require(
+        "blend",
+        &[
+            ("--rendered", &[&job.rendered], "a folder of renderings"),
+            ("--photos", &[&job.photos], "a folder of photographs"),
+            ("--out", &[&job.out], "a folder to write"),
+        ],
+    )?;
     let inputs = find_inputs(job)?;
     let run = Run::new("blend", job, &[&job.rendered, &job.photos])?;
     let out = OutDir::create(&job.out, run, context.force)?;
@@ -69,6 +81,16 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
         context.progress.advance(1);
         Ok(image)
     })?;
+    let cut: Vec<&BlendedImage> = images.iter().filter(|image| image.cut).collect();
+    if let Some(first) = cut.first() {
+        let message = format!(
+            "{} photographs have another shape than their renderings and are cut to the centre; the \
+             first is {}",
+            cut.len(),
+            first.name
+        );
+        context.warnings.add("photograph-cut", message);
+    }
     out.finish()?;
     Ok(BlendOutcome { images })
 }
@@ -109,7 +131,16 @@ fn images_in(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
         let ending = path.extension().map(|e| e.to_ascii_lowercase());
         let is_image = ending.is_some_and(|e| e == "jpg" || e == "jpeg" || e == "png");
         if let (true, Some(stem)) = (is_image, path.file_stem()) {
-            images.insert(stem.to_string_lossy().into_owned(), path);
+            let stem = stem.to_string_lossy().into_owned();
+            if let Some(other) = images.insert(stem.clone(), path.clone()) {
+                let (first, second) = (other.clone().min(path.clone()), other.max(path));
+                let problem = format!(
+                    "expected one image of the name `{stem}`, found {} and {}: remove one",
+                    first.display(),
+                    second.display()
+                );
+                return Err(mvs_datasets::Error::layout(folder, problem).into());
+            }
         }
     }
     Ok(images)
@@ -124,20 +155,30 @@ fn blend_one(input: &Input, job: &BlendJob, out: &OutDir) -> Result<BlendedImage
     let photograph = files::read_image(&input.photograph)?;
     let size = rendering.size();
     let named = |error: Error| Error::invalid(input.name.clone(), error.to_string());
-    let fitted = resized(&photograph, size)?;
+    let taken = photograph.size();
+    let fitted = covering(photograph, size)?;
     let blender = Blender::new(size, &job.blend)?;
     let blended = blender.blend(&rendering, &fitted, &mask).map_err(named)?;
-    let write = |suffix: &str, image: &ColorImage| {
+    let write = |suffix: &str, bytes: &[u8]| {
         out.write(format!("{}{suffix}.jpg", input.name), |file| {
-            image::write_jpeg(file, image, JpegOptions::default())
+            file.write_all(bytes)
         })
     };
-    write("", &blended)?;
-    write("_masked", &masked(&blended, &mask)?)?;
+    let jpeg = JpegOptions::default();
+    let image = generate::masked::jpeg(&blended, jpeg)?;
+    write("", &image)?;
+    match mask.values().contains(&false) {
+        true => {
+            let (dark, _) = generate::masked::encode(&blended, &mask, jpeg)?;
+            write("_masked", &dark)?;
+        }
+        false => write("_masked", &image)?,
+    }
     Ok(BlendedImage {
         name: input.name.clone(),
         size,
-        resized: photograph.size() != size,
+        resized: taken != size,
+        cut: !same_shape(taken, size),
         difference_before: mean_difference(&rendering, &fitted, &mask),
         difference_after: mean_difference(&blended, &fitted, &mask),
     })

@@ -11,7 +11,8 @@ use crate::generate::{
 use crate::provenance::Run;
 use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
-use mvs_datasets::layout::cameras::CamerasOptions;
+use mvs_datasets::layout::cameras::{self as layout, CameraSource, CamerasOptions};
+use mvs_datasets::layout::mesh::LoadedMesh;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::sparse;
 use mvs_datasets::scene::{Scene, SourceScore, View};
@@ -86,20 +87,21 @@ pub struct GeneratedSet {
 
 /// Generates the scene, or a part of it, or finishes it where an earlier run was interrupted.
 pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<GenerateOutcome> {
+    check_paths(job)?;
     let name = name_of(job);
     let id = id_of(job, &name)?;
+    let roots = roots_of(job)?;
     let scene = read_cameras(job, context)?;
     let photographs = PhotoFolder::open(&job.photos, scene.views())?;
-    let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
-    inputs.extend([job.cameras.as_path(), job.photos.as_path()]);
+    let sources = chosen_sources(job, scene.views())?;
+    let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
+    let inputs = inputs_of(job, &loaded, &photographs)?;
+    let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     let run = Run::new("generate", job, &inputs)?;
-    let roots = roots_of(job)?;
     let create = |(root, _): &(PathBuf, _)| {
         OutDir::create_again(&root.join(&id), run.clone(), context.force)
     };
     let outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
-    let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
-    let sources = chosen_sources(job, scene.views())?;
     let source = Source {
         name: &name,
         id: &id,
@@ -137,10 +139,46 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     Ok(GenerateOutcome { sets })
 }
 
+fn check_paths(job: &GenerateJob) -> Result<()> {
+    let mesh: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
+    super::require(
+        "generate",
+        &[
+            ("--mesh", &mesh, "meshes"),
+            ("--cameras", &[&job.cameras], "cameras"),
+            ("--photos", &[&job.photos], "a folder of photographs"),
+            ("--out", &[&job.out], "a folder to write"),
+        ],
+    )
+}
+
+/// Every file that the scene follows from: what else lies in the folders, the data set perhaps, does
+/// not count.
+fn inputs_of(
+    job: &GenerateJob,
+    loaded: &LoadedMesh,
+    photographs: &PhotoFolder,
+) -> Result<Vec<PathBuf>> {
+    let cameras = layout::source_files(&job.cameras)?;
+    let mut inputs = loaded.files.clone();
+    inputs.extend(cameras.into_iter().flat_map(|(_, files)| files));
+    inputs.extend(photographs.files().map(Path::to_path_buf));
+    Ok(inputs)
+}
+
 /// The sources of each of `views`, where the model's points choose them.
 fn chosen_sources(job: &GenerateJob, views: &[View]) -> Result<Option<Vec<Vec<SourceScore>>>> {
     if job.pairs == PairsFrom::Exact {
         return Ok(None);
+    }
+    let source = layout::source_files(&job.cameras)?.map(|(source, _)| source);
+    if source != Some(CameraSource::Colmap) {
+        let problem = format!(
+            "expected cameras of a COLMAP model, whose points choose the source views, found {}: \
+             name the model's folder",
+            source.map_or("none".to_owned(), |source| format!("{source:?}"))
+        );
+        return Err(Error::invalid("--pairs colmap", problem));
     }
     let model = sparse::read_sparse(&job.cameras, &CamerasOptions::default())?;
     let seen = (&model.points[..], &model.seen[..]);

@@ -28,8 +28,10 @@ pub mod verify;
 
 pub use out::{OutDir, check_out_file, run_file_beside};
 
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::warning::Warnings;
+use std::path::Path;
 
 /// What every job is given beside its options. None of it changes a result.
 #[derive(Clone, Copy)]
@@ -40,4 +42,19 @@ pub struct Context<'a> {
     pub warnings: &'a Warnings,
     /// Whether existing outputs may be replaced.
     pub force: bool,
+}
+
+/// Refuses a `command` without one of its paths before any work: (flag, its paths, what is expected).
+/// No path and an empty one are the same: none.
+fn require(command: &str, expected: &[(&str, &[&Path], &str)]) -> Result<()> {
+    let missing = |(_, paths, _): &&(&str, &[&Path], &str)| {
+        paths.is_empty() || paths.iter().any(|path| path.as_os_str().is_empty())
+    };
+    match expected.iter().find(missing) {
+        None => Ok(()),
+        Some((flag, _, what)) => Err(Error::invalid(
+            format!("{command}: {flag}"),
+            format!("expected {what}, found none"),
+        )),
+    }
 }

@@ -1,6 +1,7 @@
 //! `mvs-eval pairs`: source views from a sparse model or a mesh, as a `pair.txt`.
 
 use super::cameras::{self, CameraOptions};
+use super::meshes::{MeshOptions, read_mesh};
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::generate::{Covisibility, PairOptions, sparse_sources};
@@ -8,9 +9,9 @@ use crate::provenance::Run;
 use crate::render::{BackFaces, Renderer};
 use mvs_datasets::format::pair::{self, PairEntry};
 use mvs_datasets::layout::cameras::CamerasOptions;
+use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::sparse::{self, SparseModel};
-use mvs_datasets::layout::{files, mesh};
 use mvs_datasets::scene::{Distortion, SourceScore, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -29,6 +30,8 @@ pub struct PairsJob {
     pub camera: CameraOptions,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
+    /// How the mesh is read.
+    pub meshes: MeshOptions,
     /// How source views are chosen.
     pub pairs: PairOptions,
 }
@@ -38,7 +41,7 @@ pub struct PairsJob {
 pub struct PairsOutcome {
     /// The views with their sources, by id.
     pub views: Vec<ViewSources>,
-    /// Ids of the views that share nothing with another one; they are not in the file.
+    /// Ids of the views whose scores with all others round to 0; they are not in the file.
     pub alone: Vec<u32>,
 }
 
@@ -55,17 +58,24 @@ pub struct ViewSources {
 
 /// Chooses source views and writes them.
 pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
+    super::require(
+        "pairs",
+        &[
+            ("--cameras", &[&job.cameras], "a COLMAP model, or cameras"),
+            ("--out", &[&job.out], "a pair.txt to write"),
+        ],
+    )?;
     check_out_file(&job.out, context.force)?;
-    let mut inputs: Vec<&Path> = vec![&job.cameras];
-    inputs.extend(job.mesh.iter().map(PathBuf::as_path));
-    let run = Run::new("pairs", job, &inputs)?;
-    let (views, sources) = if job.mesh.is_empty() {
+    let (views, sources, meshes) = if job.mesh.is_empty() {
         let model = read_model(job, context)?;
         let sources = sparse_sources(&model.views, (&model.points, &model.seen), &job.pairs)?;
-        (model.views, sources)
+        (model.views, sources, Vec::new())
     } else {
         exact(job, context)?
     };
+    let mut inputs: Vec<&Path> = vec![&job.cameras];
+    inputs.extend(meshes.iter().map(PathBuf::as_path));
+    let run = Run::new("pairs", job, &inputs)?;
     let outcome = outcome(&views, sources);
     if outcome.views.is_empty() {
         let problem = format!(
@@ -76,7 +86,8 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     }
     if let Some(first) = outcome.alone.first() {
         let message = format!(
-            "{} views share nothing with another one and are left out, the first is view {first}",
+            "{} views are left out, the first is view {first}: they share no point with another one, or \
+             only under angles so far from the best that all scores round to 0",
             outcome.alone.len()
         );
         context.warnings.add("view-left-out", message);
@@ -94,6 +105,9 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     run.write(&run_file_beside(&job.out))?;
     Ok(outcome)
 }
+
+/// Views, the sources of each, and the files that say so beside the cameras.
+type Chosen = (Vec<View>, Vec<Vec<SourceScore>>, Vec<PathBuf>);
 
 fn read_model(job: &PairsJob, context: &Context<'_>) -> Result<SparseModel> {
     let options = CamerasOptions {
@@ -113,13 +127,11 @@ fn read_model(job: &PairsJob, context: &Context<'_>) -> Result<SparseModel> {
     Ok(model)
 }
 
-fn exact(job: &PairsJob, context: &Context<'_>) -> Result<(Vec<View>, Vec<Vec<SourceScore>>)> {
+/// Views with their sources by what the mesh lets them see, and the mesh's files.
+fn exact(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
     let options = (job.pixel_center, &job.camera);
     let scene = cameras::read(&job.cameras, options, None, context)?;
-    let loaded = mesh::read_meshes(&job.mesh)?;
-    for note in &loaded.notes {
-        context.warnings.add("mesh", note.clone());
-    }
+    let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
     let renderer = Renderer::new(&loaded.mesh)?;
     let surface = (&renderer, &loaded.mesh);
     let views = scene.views().to_vec();
@@ -128,7 +140,7 @@ fn exact(job: &PairsJob, context: &Context<'_>) -> Result<(Vec<View>, Vec<Vec<So
         Covisibility::measure(surface, &views, look, context.progress)?
     };
     let sources = shared.sources(&views, job.pairs.sources);
-    Ok((views, sources))
+    Ok((views, sources, loaded.files))
 }
 
 fn outcome(views: &[View], sources: Vec<Vec<SourceScore>>) -> PairsOutcome {

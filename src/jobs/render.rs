@@ -8,6 +8,7 @@ use crate::error::{Error, Result};
 use crate::parallel;
 use crate::provenance::Run;
 use crate::render::{RenderOptions, Renderer, Rendering, Sight};
+use crate::warning::of_back_faces;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
@@ -88,6 +89,15 @@ pub struct RenderedView {
 
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
+    let mesh: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
+    super::require(
+        "render",
+        &[
+            ("--mesh", &mesh, "meshes"),
+            ("--cameras", &[&job.cameras], "cameras"),
+            ("--out", &[&job.out], "a folder to write"),
+        ],
+    )?;
     let options = (job.pixel_center, &job.camera);
     let mut scene = cameras::read(&job.cameras, options, job.size, context)?;
     if job.undistort {
@@ -96,10 +106,10 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     if let Some(size) = job.size {
         scene = cameras::fitted(scene, size)?;
     }
-    let mut inputs: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
+    let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
+    let mut inputs: Vec<&Path> = loaded.files.iter().map(PathBuf::as_path).collect();
     inputs.push(&job.cameras);
     let out = OutDir::create(&job.out, Run::new("render", job, &inputs)?, context.force)?;
-    let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
     let bent = cameras::lens_count(&scene);
     if bent > 0 {
         let message = format!(
@@ -140,14 +150,10 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
 
 /// Says so when triangles are mostly seen from behind.
 fn warn_of_backs(views: &[RenderedView], context: &Context<'_>) {
-    let backs: usize = views.iter().map(|view| view.back_faces).sum();
+    let backs = views.iter().map(|view| view.back_faces).sum();
     let fronts: f64 = views.iter().map(RenderedView::pixels_of_surface).sum();
-    if backs as f64 > fronts {
-        let message = format!(
-            "{backs} pixels show the backs of triangles and {fronts} their fronts: if the faces are \
-             wound the other way, --back-faces valid takes both sides"
-        );
-        context.warnings.add("back-faces", message);
+    if let Some(warning) = of_back_faces(backs, fronts as usize) {
+        context.warnings.add(&warning.code, warning.message);
     }
 }
 

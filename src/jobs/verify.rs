@@ -2,10 +2,11 @@
 
 use super::{Context, OutDir};
 use crate::error::Result;
-use crate::generate::verify::{self, Verification, VerifyOptions};
+use crate::generate::verify::{self, Finding, Severity, Verification, VerifyOptions};
 use crate::provenance::Run;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval verify`.
@@ -24,7 +25,7 @@ pub struct VerifyJob {
 /// What was found in each scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct VerifyOutcome {
-    /// (scene folder's name, what was found).
+    /// (scene folder's name, what was found), by name.
     pub scenes: Vec<(String, Verification)>,
 }
 
@@ -39,7 +40,8 @@ impl VerifyOutcome {
 
 /// Verifies the scene or scenes.
 pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
-    let folders = scene_folders(&job.scene)?;
+    super::require("verify", &[("SCENE", &[&job.scene], "a scene folder")])?;
+    let (folders, missing) = scenes_at(&job.scene)?;
     let out = match &job.out {
         None => None,
         Some(out) => {
@@ -47,7 +49,8 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
             Some(OutDir::create(out, run, context.force)?)
         }
     };
-    let mut scenes = Vec::new();
+    let missing = missing.into_iter().map(|name| (name, missing_scene()));
+    let mut scenes: Vec<(String, Verification)> = missing.collect();
     for folder in folders {
         let name = folder
             .file_name()
@@ -58,6 +61,7 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
         let verification = verify::verify(&scene, &job.verify, context.progress)?;
         scenes.push((name, verification));
     }
+    scenes.sort_by(|a, b| a.0.cmp(&b.0));
     let outcome = VerifyOutcome { scenes };
     if let Some(out) = out {
         out.write_json("verify.json", &outcome)?;
@@ -66,15 +70,44 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     Ok(outcome)
 }
 
-/// The folder itself, or the scenes in it when it is a data set's root.
-fn scene_folders(path: &Path) -> Result<Vec<PathBuf>> {
+/// The scenes at `path` by folder, and names that list files have and that are no folder: the folder
+/// itself, or, when it is a data set's root, every folder in it that is listed, looks like a scene or
+/// is called like one.
+fn scenes_at(path: &Path) -> Result<(Vec<PathBuf>, Vec<String>)> {
     if !path.is_dir() {
         let problem = "expected a scene folder or the root of a data set, found none";
         return Err(mvs_datasets::Error::layout(path, problem).into());
     }
-    let inside = blended::scenes_in(path)?;
-    if inside.is_empty() || path.join("cams").is_dir() {
-        return Ok(vec![path.to_path_buf()]);
+    let own = (vec![path.to_path_buf()], Vec::new());
+    if path.join("cams").is_dir() {
+        return Ok(own);
     }
-    Ok(inside.into_iter().map(|name| path.join(name)).collect())
+    let listed = blended::listed_in(path)?;
+    let mut names: BTreeSet<String> = blended::names_in(path)?.into_iter().collect();
+    names.retain(|name| blended::is_scene_id(name) || path.join(name).join("cams").is_dir());
+    names.extend(listed);
+    let (there, missing): (Vec<String>, Vec<String>) =
+        (names.into_iter()).partition(|name| path.join(name).is_dir());
+    if there.is_empty() && missing.is_empty() {
+        return Ok(own);
+    }
+    let folders = there.into_iter().map(|name| path.join(name));
+    Ok((folders.collect(), missing))
+}
+
+/// What is said of a scene that is listed and not there.
+fn missing_scene() -> Verification {
+    let finding = Finding {
+        severity: Severity::Fault,
+        code: "missing-scene".to_owned(),
+        place: "list files".to_owned(),
+        message: "expected a folder for each scene that the list files name, found none".to_owned(),
+    };
+    Verification {
+        views: 0,
+        findings: vec![finding],
+        pairs: Vec::new(),
+        median_difference: None,
+        median_color_difference: None,
+    }
 }

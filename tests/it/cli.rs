@@ -1,6 +1,9 @@
 //! The command line: exit codes, one sentence per error, nothing lost, replays.
 
 use crate::support::{mvs_eval, stderr, text, write};
+use mvs_datasets::format::image;
+use mvs_datasets::layout::files::{self, write_atomically};
+use mvs_datasets::scene::ColorImage;
 use std::fs;
 use std::path::Path;
 
@@ -359,4 +362,133 @@ fn inspect_recognises_cams_with_integer_pixel_centres() {
     assert!(said.contains("principal point (20, 15) px"), "{said}");
     assert!(!said.contains("use --pixel-center"), "{said}");
     assert!(!inspect(CAM, &[]).contains("use --pixel-center"));
+}
+
+#[test]
+fn patterns_of_meshes_are_taken_and_every_file_behind_them_is_an_input() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    write(&path("mesh.mtl"), "newmtl red\nKd 1 0 0\n");
+    write(
+        &path("mesh.obj"),
+        format!("mtllib mesh.mtl\nusemtl red\n{TRIANGLE}"),
+    );
+    let (pattern, cams) = (path("me?h*.obj"), path("cams"));
+    let output = mvs_eval(&render_arguments(&pattern, &cams, &path("out")));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let run = fs::read_to_string(path("out/run.toml")).unwrap();
+    assert!(
+        run.contains("mesh.obj\"") && run.contains("mesh.mtl\""),
+        "{run}"
+    );
+    write(&path("mesh.mtl"), "newmtl red\nKd 0 1 0\n");
+    let again = [
+        "replay",
+        text(&path("out/run.toml")),
+        "--out",
+        text(&path("again")),
+    ]
+    .map(str::to_owned);
+    let again: Vec<&str> = again.iter().map(String::as_str).collect();
+    let output = mvs_eval(&again);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(
+        said.contains("input-changed") && said.contains("mesh.mtl"),
+        "{said}"
+    );
+    // Two views, so that there are pairs.
+    write(
+        &path("cams/00000001_cam.txt"),
+        CAM.replace("1 0 0 0\n0 1", "1 0 0 -0.2\n0 1"),
+    );
+    let pairs = ["pairs", "--mesh", text(&pattern), "--cameras", text(&cams)].map(str::to_owned);
+    let mut pairs: Vec<&str> = pairs.iter().map(String::as_str).collect();
+    let out = path("pair.txt");
+    pairs.extend(["--out", text(&out), "--texture-memory", "10"]);
+    let output = mvs_eval(&pairs);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let run = fs::read_to_string(path("pair.run.toml")).unwrap();
+    assert!(run.contains("mesh.obj\""), "{run}");
+}
+
+#[test]
+fn paths_that_were_not_given_are_named_before_any_work() {
+    let scene = small_scene();
+    let path = |name: &str| text(&scene.path().join(name)).to_owned();
+    let (mesh, cams, photos) = (path("mesh.obj"), path("cams"), path("photos"));
+    let given = ["--mesh", &mesh, "--cameras", &cams];
+    for (arguments, missing) in [
+        ([&["render"], &given[..]].concat(), "render: --out"),
+        ([&["render"], &given[..2]].concat(), "render: --cameras"),
+        ([&["render"], &given[2..]].concat(), "render: --mesh"),
+        (
+            [&["generate", "--photos", &photos], &given[..]].concat(),
+            "generate: --out",
+        ),
+        ([&["generate"], &given[..]].concat(), "generate: --photos"),
+        ([&["pairs"], &given[..]].concat(), "pairs: --out"),
+        (vec!["pairs"], "pairs: --cameras"),
+        (
+            vec!["blend", "--rendered", &cams, "--photos", &photos],
+            "blend: --out",
+        ),
+        (vec!["augment", "--images", &photos], "augment: --out"),
+        (vec!["augment"], "augment: --images"),
+        (vec!["verify"], "verify: SCENE"),
+    ] {
+        assert_refused(&arguments, &[missing, "found none"]);
+    }
+}
+
+/// A PNG whose left half has one colour and whose right half another one.
+fn halves(path: &Path, (width, height): (u32, u32), colors: [[u8; 3]; 2]) {
+    let half = |i: u32| colors[usize::from(i % width >= width / 2)];
+    let values = (0..width * height).map(half).collect();
+    let image = ColorImage::from_values(width, height, values).unwrap();
+    write_atomically(path, |out| image::write_png(out, &image)).unwrap();
+}
+
+#[test]
+fn photographs_of_another_shape_are_cut_not_squashed_and_masked_images_are_dark() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    // Saturated red beside black, which plain JPEG smears across the edge.
+    let red = [250, 20, 20];
+    halves(&path("rendered/a.png"), (64, 48), [red, [0; 3]]);
+    // Twice as wide as its rendering's shape: only the middle half is seen.
+    halves(&path("photos/a.png"), (256, 96), [[200, 0, 0], [0, 0, 200]]);
+    let (rendered, photos, out) = (path("rendered"), path("photos"), path("out"));
+    let arguments = [
+        "blend",
+        "--rendered",
+        text(&rendered),
+        "--photos",
+        text(&photos),
+        "--out",
+        text(&out),
+    ];
+    let output = mvs_eval(&arguments);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("[photograph-cut]"), "{said}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(answer["images"][0]["cut"], true);
+    let masked = files::read_image(&out.join("a_masked.jpg")).unwrap();
+    let outside = (0..64 * 48).filter(|i| i % 64 >= 32);
+    let brightest = outside.flat_map(|i| masked.values()[i]).max().unwrap();
+    assert!(brightest <= 8, "{brightest}");
+    // Of the same shape nothing is cut.
+    halves(&path("photos/a.png"), (128, 96), [[200, 0, 0], [0, 0, 200]]);
+    let output = mvs_eval(&[&arguments[..], &["--force"]].concat());
+    assert!(
+        !stderr(&output).contains("photograph-cut"),
+        "{}",
+        stderr(&output)
+    );
+    // Which of two photographs is meant, nobody knows.
+    halves(&path("photos/a.jpeg.png"), (128, 96), [red, red]);
+    std::fs::rename(path("photos/a.jpeg.png"), path("photos/a.jpg")).unwrap();
+    let force = [&arguments[..], &["--force"]].concat();
+    assert_refused(&force, &["a.jpg and", "a.png", "remove one"]);
 }

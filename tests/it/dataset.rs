@@ -3,7 +3,7 @@
 use crate::support::{mvs_eval, real_data, stderr, text, write};
 use glam::DVec2;
 use mvs_datasets::format::image::{self, JpegOptions};
-use mvs_datasets::layout::blended::BlendedFolder;
+use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::cameras::{CamerasOptions, read_scene};
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
 use mvs_datasets::layout::{exports, files, mesh_out};
@@ -161,6 +161,134 @@ fn generation_that_is_killed_again_and_again_gives_the_same_bytes() {
     for (name, bytes) in &expected {
         assert!(found[name] == *bytes, "{} differs", name.display());
     }
+}
+
+/// Photographs and mesh of the inputs in a folder of their own, to be changed.
+fn own_inputs(folder: &Path) {
+    for (name, to) in [("mesh.obj", "mesh.obj"), ("mesh.mtl", "mesh.mtl")] {
+        std::fs::copy(inputs().join(name), folder.join(to)).unwrap();
+    }
+    for (name, bytes) in files_in(&inputs().join("photos")) {
+        write(&folder.join("photos").join(name), bytes);
+    }
+}
+
+#[test]
+fn what_a_scene_follows_from_is_what_was_read_and_nothing_beside_it() {
+    let folder = tempfile::tempdir().unwrap();
+    own_inputs(folder.path());
+    // The data set lies in the photographs' folder; the mesh is a pattern.
+    let own = [
+        "--photos",
+        "photos",
+        "--mesh",
+        "m*.obj",
+        "--out",
+        "photos/dataset",
+    ];
+    succeed(folder.path(), &own);
+    let scene = scene_of(&folder.path().join("photos/dataset"));
+    let finished = std::fs::read(scene.record()).unwrap();
+    write(&folder.path().join("photos/notes.txt"), "mine");
+    write(&scene.path().join("masks/notes.txt"), "mine too");
+    write(&scene.path().join("cams/20261126_old_cam.txt"), "mine too");
+    write(&scene.path().join("20261126.txt"), "mine too");
+    succeed(folder.path(), &own);
+    assert_eq!(std::fs::read(scene.record()).unwrap(), finished);
+    for kept in [
+        "masks/notes.txt",
+        "cams/20261126_old_cam.txt",
+        "20261126.txt",
+    ] {
+        assert!(
+            scene.path().join(kept).is_file(),
+            "{kept} was somebody else's"
+        );
+    }
+    // A material is as much of the scene as the mesh.
+    let material = folder.path().join("mesh.mtl");
+    let text_of = std::fs::read_to_string(&material).unwrap();
+    write(&material, format!("{text_of}# another one\n"));
+    let output = generate(folder.path(), &own);
+    assert_eq!(output.status.code(), Some(2));
+    let said = stderr(&output);
+    assert!(said.contains("already exists; give --force"), "{said}");
+    succeed(folder.path(), &[&own[..], &["--force"]].concat());
+}
+
+#[test]
+fn bare_options_may_have_a_table_of_that_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("options.toml");
+    write(&config, "[options]\njpeg_quality = 80\n");
+    let more = [
+        "--config",
+        text(&config),
+        "--range-margin",
+        "0.25",
+        "--export-pixel-center",
+        "integer",
+    ];
+    succeed(folder.path(), &more);
+    let scene = scene_of(&folder.path().join("dataset"));
+    let record = std::fs::read_to_string(scene.record()).unwrap();
+    let record: serde_json::Value = serde_json::from_str(&record).unwrap();
+    let option = |name: &str| record["options"][name].clone();
+    assert_eq!(option("jpeg_quality"), 80);
+    assert_eq!(option("range_margin"), 0.25);
+    assert_eq!(option("pixel_centre"), "integer");
+    assert_eq!(record["pixel_centre"], "integer");
+    // Its run.toml is a configuration too.
+    let run = scene.path().join("run.toml");
+    succeed(folder.path(), &["--config", text(&run), "--out", "second"]);
+    let second = scene_of(&folder.path().join("second"));
+    assert_eq!(
+        std::fs::read(second.record()).unwrap(),
+        std::fs::read(scene.record()).unwrap()
+    );
+}
+
+#[test]
+fn a_set_that_is_being_replaced_does_not_look_finished() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), &["--name", "first"]);
+    succeed(folder.path(), &["--name", "second", "--validation"]);
+    let root = folder.path().join("dataset");
+    let first = BlendedFolder::new(root.join(scene_id("first")));
+    let shard = ["--name", "first", "--range", "full", "--force"];
+    succeed(folder.path(), &[&shard[..], &["--shard", "1/2"]].concat());
+    assert!(!first.record().exists() && !first.path().join("run.toml").exists());
+    assert!(first.path().join(blended::UNFINISHED).is_file());
+    let output = mvs_eval(&["verify", text(first.path()), "--format", "json"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("\"unfinished\""));
+    // Another scene that ends meanwhile lists what is finished.
+    succeed(folder.path(), &["--name", "second", "--validation"]);
+    let list = |name: &str| std::fs::read_to_string(root.join(name)).unwrap();
+    assert_eq!(list("all_list.txt"), scene_id("second") + "\n");
+    succeed(folder.path(), &[&shard[..4], &["--shard", "2/2"]].concat());
+    succeed(folder.path(), &[&shard[..4], &["--merge"]].concat());
+    assert_eq!(list("all_list.txt").lines().count(), 2);
+    assert_eq!(list("training_list.txt"), scene_id("first") + "\n");
+    assert_eq!(list("validation_list.txt"), scene_id("second") + "\n");
+    assert!(first.record().is_file());
+    // A root is all that is in it, and all that its lists name.
+    std::fs::remove_file(first.pairs()).unwrap();
+    let gone = "0123456789abcdef01234567";
+    write(&root.join("all_list.txt"), format!("{gone}\n"));
+    let output = mvs_eval(&["verify", text(&root), "--format", "json"]);
+    assert_eq!(output.status.code(), Some(1));
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = answer["scenes"].as_array().unwrap().iter().map(|scene| {
+        let codes = scene[1]["findings"].as_array().unwrap().iter();
+        let codes: Vec<&str> = codes.map(|f| f["code"].as_str().unwrap()).collect();
+        (scene[0].as_str().unwrap(), codes.join(" "))
+    });
+    let found: BTreeMap<&str, String> = found.collect();
+    assert_eq!(found.len(), 3);
+    assert_eq!(found[gone], "missing-scene");
+    assert!(found[&scene_id("first")[..]].contains("missing-pairs"));
+    assert_eq!(found[&scene_id("second")[..]], "");
 }
 
 #[test]
@@ -469,6 +597,29 @@ fn source_views_come_from_the_mesh_or_from_a_sparse_model() {
     assert!(table.is_some() && table == same, "the table is the mesh's");
     // What is no longer asked for goes.
     assert_eq!(with(&["--pairs", "colmap"]), (colmap, None));
+    // Cams beside the model are taken as the cameras, numbered otherwise.
+    let both = folder.path().join("both");
+    for (name, bytes) in files_in(&model) {
+        write(&both.join("sparse").join(name), bytes);
+    }
+    for (name, bytes) in files_in(&inputs().join("cams")) {
+        write(&both.join("cams").join(name), bytes);
+    }
+    let more = [
+        "--cameras",
+        text(&both),
+        "--pairs",
+        "colmap",
+        "--out",
+        "mixed",
+    ];
+    let output = generate(folder.path(), &more);
+    assert_eq!(output.status.code(), Some(2));
+    let said = stderr(&output);
+    assert!(
+        said.contains("of a COLMAP model") && said.contains("Cams"),
+        "{said}"
+    );
     // Without points there is nothing to choose by.
     exports::write_colmap(&model, synthetic().scene()).unwrap();
     let more = [

@@ -1,16 +1,17 @@
 //! Generating a scene: what is written, that it is the truth, and that it can be interrupted.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use mvs_datasets::layout::blended::{self, BlendedFolder};
-use mvs_datasets::scene::{ColorImage, DepthMap, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, Mesh, Pose, View};
 use mvs_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 use mvs_eval::error::Result;
 use mvs_eval::generate::{
-    Extra, GenerateOptions, PairOptions, Photographs, RangeRule, Source, generate, scene_id,
+    Extra, GenerateOptions, PairOptions, Part, Photographs, RangeRule, Source, Target, generate,
+    generate_sets, scene_id,
 };
 use mvs_eval::parallel;
 use mvs_eval::progress::Silent;
-use mvs_eval::render::{RenderOptions, Rendering};
+use mvs_eval::render::{RenderOptions, Renderer, Rendering};
 use mvs_eval::warning::Warnings;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -51,6 +52,15 @@ impl Lit {
         let folder = BlendedFolder::new(folder);
         generate(&source, &folder, options, &Silent, &warnings).unwrap();
         warnings
+    }
+}
+
+impl Lit {
+    /// The fraction of a view's pixels that show the mesh.
+    fn scene_coverage(&self, view: &View) -> f64 {
+        let renderer = Renderer::new(self.scene.mesh()).unwrap();
+        let depth = renderer.render(view, &draft().render).unwrap().depth;
+        depth.valid_count() as f64 / depth.values().len() as f64
     }
 }
 
@@ -255,6 +265,154 @@ fn a_view_that_sees_nothing_is_left_out_and_named() {
     assert!(warnings.sorted()[0].message.contains("view 2"));
     let scene = read.read_scene(None).unwrap();
     assert_eq!(scene.index_of(2), None);
+}
+
+/// A set so small that a view which sees the mesh's edge only has no pixel centre on it.
+#[test]
+fn a_view_without_surface_in_one_of_the_sets_is_left_out_of_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let lit = Lit::new();
+    let mut views = lit.scene.scene().views().to_vec();
+    // Look past the scene, so that surface shows in a corner of the frame alone.
+    let center = views[2].pose.center_in_world();
+    let full = |view: &View| lit.scene_coverage(view);
+    let mut turned = 0.0;
+    while full(&views[2]) > 0.01 {
+        turned += 0.02;
+        let ahead = views[2].pose.direction_to_world(glam::DVec3::Z);
+        let aside = views[2].pose.direction_to_world(glam::DVec3::X);
+        views[2].pose = Pose::looking_at(
+            center,
+            center + ahead + 0.02 * aside,
+            DVec3::new(0.1, 0.2, 1.0),
+        )
+        .unwrap();
+        assert!(turned < 10.0);
+    }
+    assert!(full(&views[2]) > 0.0);
+    let source = Source {
+        name: "n",
+        id: &scene_id("n"),
+        mesh: lit.scene.mesh(),
+        views: &views,
+        photographs: &Plain,
+        notes: &[],
+        sources: None,
+    };
+    let target = |name: &str, size| Target {
+        folder: BlendedFolder::new(folder.path().join(name)),
+        size: Some(size),
+    };
+    let targets = [target("high", (128, 96)), target("low", (8, 6))];
+    let warnings = Warnings::default();
+    let options = draft();
+    let work = (&targets[..], Part::All);
+    let sets = generate_sets(&source, work, &options, &Silent, &warnings).unwrap();
+    for set in sets {
+        let scene = set.scene.unwrap();
+        assert_eq!(scene.left_out.len(), 1, "{:?}", scene.left_out);
+        assert_eq!(scene.left_out[0].id, 2);
+        let reason = &scene.left_out[0].reason;
+        assert!(reason.contains("one of the sets"), "{reason}");
+    }
+}
+
+/// Grey photographs of the cameras' sizes.
+struct Plain;
+
+impl Photographs for Plain {
+    fn photograph(&self, view: &View, _rendering: &Rendering) -> Result<ColorImage> {
+        Ok(ColorImage::filled(
+            view.camera.width(),
+            view.camera.height(),
+            [120; 3],
+        )?)
+    }
+
+    fn digest(&self, _view: &View) -> Result<String> {
+        Ok(String::new())
+    }
+}
+
+/// A photograph that is exchanged after it was read: what was written is of the first one.
+#[test]
+fn a_photograph_exchanged_during_the_run_is_used_next_time() {
+    struct Exchanged(AtomicUsize);
+    impl Photographs for Exchanged {
+        fn photograph(&self, view: &View, rendering: &Rendering) -> Result<ColorImage> {
+            let image = Plain.photograph(view, rendering);
+            if view.id == 3 {
+                self.0.fetch_add(1, Ordering::SeqCst);
+            }
+            image
+        }
+
+        fn digest(&self, view: &View) -> Result<String> {
+            match view.id {
+                3 => Ok(self.0.load(Ordering::SeqCst).min(1).to_string()),
+                _ => Ok(String::new()),
+            }
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let lit = Lit::new();
+    let photographs = Exchanged(AtomicUsize::new(0));
+    let source = Source {
+        name: "n",
+        id: &scene_id("n"),
+        mesh: lit.scene.mesh(),
+        views: lit.scene.scene().views(),
+        photographs: &photographs,
+        notes: &[],
+        sources: None,
+    };
+    let read = BlendedFolder::new(folder.path());
+    for expected in [1, 2, 2] {
+        generate(&source, &read, &draft(), &Silent, &Warnings::default()).unwrap();
+        assert_eq!(photographs.0.load(Ordering::SeqCst), expected);
+    }
+}
+
+/// Faces wound the other way, and images of no readers' shape, are in `scene.json` and said.
+#[test]
+fn what_readers_and_users_stumble_over_is_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let lit = Lit::new();
+    let mesh = lit.scene.mesh();
+    let mut views = lit.scene.scene().views().to_vec();
+    views[1].camera = views[1].camera.resized(96, 72).unwrap();
+    views[2].camera = views[2].camera.cropped(0, 0, 128, 80).unwrap();
+    // Two faces of three are wound the other way.
+    let wound = |(index, [a, b, c]): (usize, [u32; 3])| match index % 3 {
+        0 => [a, b, c],
+        _ => [a, c, b],
+    };
+    let triangles = mesh.triangles().iter().copied().enumerate().map(wound);
+    let turned = Mesh::new(mesh.vertices().to_vec(), triangles.collect()).unwrap();
+    let source = Source {
+        name: "n",
+        id: &scene_id("n"),
+        mesh: &turned,
+        views: &views,
+        photographs: &Plain,
+        notes: &[],
+        sources: None,
+    };
+    let read = BlendedFolder::new(folder.path());
+    let warnings = Warnings::default();
+    let record = generate(&source, &read, &draft(), &Silent, &warnings).unwrap();
+    let of_scene: Vec<&str> = record
+        .warnings
+        .iter()
+        .map(|(code, _)| code.as_str())
+        .collect();
+    let said = warnings.sorted();
+    for code in ["aspect", "mixed-sizes", "back-faces"] {
+        assert!(of_scene.contains(&code), "{code}: {of_scene:?}");
+        assert!(said.iter().any(|warning| warning.code == code), "{code}");
+    }
+    assert!(record.views.iter().any(|view| view.back_faces > 0));
+    assert!(said.iter().any(|w| w.message.contains("128x80, 128x96")));
 }
 
 #[test]

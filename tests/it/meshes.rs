@@ -226,7 +226,7 @@ fn outcome(path: &Path, root: &Path) -> String {
     let clean = |text: String| text.replace(&format!("{}/", root.display()), "");
     match read_meshes(&[path.to_path_buf()]) {
         Err(error) => clean(format!("refused: {error}")),
-        Ok(LoadedMesh { mesh, notes }) => {
+        Ok(LoadedMesh { mesh, notes, .. }) => {
             let textures = mesh
                 .materials()
                 .iter()

@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::format::image::{self, JpegOptions};
 use crate::format::pfm;
 use crate::scene::{ColorImage, DepthMap, Mask, NormalMap, RejectedDepths, Scene, View};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -212,11 +213,38 @@ pub fn scenes_in(root: &Path) -> Result<Vec<String>> {
     Ok(names.into_iter().filter(is_scene).collect())
 }
 
+/// The list files of a root.
+const LISTS: [&str; 6] = [
+    "BlendedMVS_list.txt",
+    "BlendedMVS_training.txt",
+    "BlendedMVG_training.txt",
+    "training_list.txt",
+    "validation_list.txt",
+    "all_list.txt",
+];
+
+/// The scenes that the list files of `root` name, by name; none without such files.
+pub fn listed_in(root: &Path) -> Result<BTreeSet<String>> {
+    let mut listed = BTreeSet::new();
+    for path in LISTS.map(|name| root.join(name)) {
+        if path.is_file() {
+            let text = files::read_text(&path)?;
+            let names = text.lines().map(str::trim).filter(|name| !name.is_empty());
+            listed.extend(names.map(str::to_owned));
+        }
+    }
+    Ok(listed)
+}
+
+/// What this program leaves in a folder whose making has begun and not ended.
+pub const UNFINISHED: &str = "run.partial.toml";
+
 /// Writes the list files for the scenes of `root`, by way of the folder of one of them: the scene
 /// `id` is for validation if `held_out`, else for training, and the others are for what the lists
-/// say they are.
+/// say they are. Others that are unfinished are left out.
 pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
-    let all = scenes_in(root)?;
+    let mut all = scenes_in(root)?;
+    all.retain(|scene| scene == id || !root.join(scene).join(UNFINISHED).exists());
     let old = root.join("validation_list.txt");
     let old = if old.is_file() {
         files::read_text(&old)?
@@ -228,15 +256,8 @@ pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
         false => old.lines().any(|line| line.trim() == scene),
     };
     let (validation, training): (Vec<_>, Vec<_>) = all.iter().cloned().partition(validates);
-    let lists = [
-        ("BlendedMVS_list.txt", &all),
-        ("BlendedMVS_training.txt", &training),
-        ("BlendedMVG_training.txt", &training),
-        ("training_list.txt", &training),
-        ("validation_list.txt", &validation),
-        ("all_list.txt", &all),
-    ];
-    for (name, ids) in lists {
+    let of_lists = [&all, &training, &training, &training, &validation, &all];
+    for (name, ids) in LISTS.into_iter().zip(of_lists) {
         files::write_by_way_of(&root.join(id), &root.join(name), |out| {
             ids.iter().try_for_each(|id| writeln!(out, "{id}"))
         })?;

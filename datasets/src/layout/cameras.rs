@@ -2,13 +2,14 @@
 
 use super::files;
 use super::mvsnet::{self, CamsOptions, PixelCentre};
+use super::numbers::number_names;
 use super::tnt;
 use crate::error::{Error, FormatError, Result};
 use crate::format::colmap::{self, ColmapCamera, ColmapImage, ColmapPoint};
 use crate::format::transforms::{self, Frame};
 use crate::scene::{Camera, DepthRange, Pose, Scene, View};
 use glam::{DMat3, DMat4, DVec2, DVec3};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Where under a folder a COLMAP model may lie, first come first served.
@@ -60,7 +61,7 @@ pub struct ReadCameras {
 /// says so.
 ///
 /// View ids of COLMAP models and `transforms.json` are the numbers that are the images' names
-/// (`00000012.jpg`), else, where a name is no number, places in name order.
+/// (`00000012.jpg`), else, where a name is no number of at most eight digits, places in name order.
 pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> {
     let mut found = candidates(path)?;
     if found.is_empty() {
@@ -88,6 +89,21 @@ pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> 
         path,
         notes,
     })
+}
+
+/// The kind of cameras that [`read_scene`] takes at `path`, and every file that it reads; `None`
+/// where there are none.
+pub fn source_files(path: &Path) -> Result<Option<(CameraSource, Vec<PathBuf>)>> {
+    let Some((source, path)) = candidates(path)?.into_iter().next() else {
+        return Ok(None);
+    };
+    let files = match source {
+        CameraSource::Cams => mvsnet::scene_files(&path)?,
+        CameraSource::Colmap => model_files(&path).into(),
+        CameraSource::Transforms | CameraSource::Log => vec![path],
+    };
+    let there = files.into_iter().filter(|path| path.is_file());
+    Ok(Some((source, there.collect())))
 }
 
 /// Everything at `path` that looks like cameras, in order of preference.
@@ -145,6 +161,12 @@ pub(super) fn colmap_ending(folder: &Path) -> Option<&'static str> {
         .find(|ending| has("cameras", ending) && has("images", ending))
 }
 
+/// The files of the COLMAP model in `folder`: cameras, images, and points, which may be missing.
+fn model_files(folder: &Path) -> [PathBuf; 3] {
+    let ending = colmap_ending(folder).unwrap_or("txt");
+    ["cameras", "images", "points3D"].map(|name| folder.join(format!("{name}.{ending}")))
+}
+
 /// A COLMAP model as it lies in its files, cameras in this crate's convention.
 pub(super) struct Model {
     cameras: BTreeMap<u32, Camera>,
@@ -169,9 +191,7 @@ fn read_colmap(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
 /// Reads the model in `folder`; no points where there is no such file.
 pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Model> {
     let binary = colmap_ending(folder) == Some("bin");
-    let file = |name: &str| folder.join(format!("{name}.{}", if binary { "bin" } else { "txt" }));
-    let (cameras_path, images_path, points_path) =
-        (file("cameras"), file("images"), file("points3D"));
+    let [cameras_path, images_path, points_path] = model_files(folder);
     let cameras = match binary {
         true => files::read_with(&cameras_path, colmap::read_cameras_binary)?,
         false => files::read_text_with(&cameras_path, colmap::read_cameras_text)?,
@@ -262,31 +282,6 @@ fn range_of(depths: impl Iterator<Item = f64>) -> Option<DepthRange> {
     depths.sort_by(f64::total_cmp);
     let at = |part: f64| depths.get((part * depths.len() as f64) as usize).copied();
     DepthRange::new(at(0.01)?, at(0.99)?).ok()
-}
-
-/// The numbers that the names are, else the names' places in name order.
-fn number_names(names: &[&str]) -> Vec<u32> {
-    let numbers: Option<Vec<u32>> = names.iter().map(|name| number_of(name)).collect();
-    if let Some(numbers) = numbers
-        && numbers.iter().collect::<BTreeSet<_>>().len() == names.len()
-    {
-        return numbers;
-    }
-    let mut order: Vec<usize> = (0..names.len()).collect();
-    order.sort_by_key(|&index| names[index]);
-    let mut ids = vec![0; names.len()];
-    for (place, index) in (0u32..).zip(order) {
-        ids[index] = place;
-    }
-    ids
-}
-
-/// 12 for `folder/00000012.jpg`.
-pub(super) fn number_of(name: &str) -> Option<u32> {
-    let file = name.rsplit(['/', '\\']).next()?;
-    let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
-    let digits = !stem.is_empty() && stem.bytes().all(|byte| byte.is_ascii_digit());
-    digits.then(|| stem.parse().ok())?
 }
 
 fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<Scene> {

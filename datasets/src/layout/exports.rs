@@ -54,7 +54,8 @@ fn frame_of(view: &View, images: &str) -> Frame {
 }
 
 /// Writes `cameras.txt`, `images.txt` and a `points3D.txt` without points into `folder`. Images are
-/// `00000000.jpg`, their numbers the views' plus 1; equal cameras are one.
+/// `00000000.jpg`, their numbers the views' plus 1 (an id that has none above is refused); equal
+/// cameras are one.
 pub fn write_colmap(folder: &Path, scene: &Scene) -> Result<()> {
     let mut distinct: Vec<Camera> = Vec::new();
     let mut images = Vec::new();
@@ -65,12 +66,11 @@ pub fn write_colmap(folder: &Path, scene: &Scene) -> Result<()> {
             distinct.len() - 1
         });
         let name = mvsnet::file_name(view.id, ".jpg");
-        images.push(ColmapImage::new(
-            view.id + 1,
-            &view.pose,
-            place as u32 + 1,
-            name,
-        ));
+        let number = view.id.checked_add(1).ok_or_else(|| {
+            let problem = format!("expected view ids below {0}, found {0}", view.id);
+            Error::layout(folder, problem)
+        })?;
+        images.push(ColmapImage::new(number, &view.pose, place as u32 + 1, name));
     }
     let cameras: Vec<ColmapCamera> = (1u32..)
         .zip(&distinct)

@@ -8,7 +8,7 @@ use crate::format::mtl::{MtlMaterial, read_mtl};
 use crate::format::obj::MaterialUse;
 use crate::scene::{Corner, Material};
 use glam::Vec2;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// What the materials of meshes need from files, and what was odd about them.
@@ -16,6 +16,17 @@ use std::path::{Path, PathBuf};
 pub(super) struct Library {
     textures: Textures,
     notes: Vec<String>,
+    files: BTreeSet<PathBuf>,
+}
+
+/// What has become of the drafts.
+pub(super) struct Finished {
+    /// One per draft.
+    pub(super) materials: Vec<Material>,
+    /// Sentences for the user.
+    pub(super) notes: Vec<String>,
+    /// Every file that was used, by path.
+    pub(super) files: Vec<PathBuf>,
 }
 
 /// A material whose textures are still to be read.
@@ -68,16 +79,20 @@ impl Library {
         }
     }
 
-    /// Reads the textures of all drafts and returns the materials, and what was odd.
-    pub(super) fn finish(
-        mut self,
-        drafts: Vec<Draft>,
-        options: &ReadOptions,
-    ) -> Result<(Vec<Material>, Vec<String>)> {
+    /// Remembers that the result follows from this file.
+    pub(super) fn uses(&mut self, path: &Path) {
+        self.files.insert(path.to_path_buf());
+    }
+
+    /// Reads the textures of all drafts and returns the materials, what was odd and what was used.
+    pub(super) fn finish(mut self, drafts: Vec<Draft>, options: &ReadOptions) -> Result<Finished> {
         let images = self.textures.read(options, &mut self.notes)?;
         let finished = drafts.into_iter().map(|draft| images.finish(draft));
-        let materials = finished.collect();
-        Ok((materials, self.notes))
+        Ok(Finished {
+            materials: finished.collect(),
+            notes: self.notes,
+            files: self.files.into_iter().collect(),
+        })
     }
 
     /// The materials in the libraries that `mesh` names. One that is missing is noted when
@@ -97,6 +112,7 @@ impl Library {
                     }
                     continue;
                 };
+                self.uses(&path);
                 for material in read_with(&path, read_mtl)? {
                     let entry = known.entry(material.name.clone());
                     entry.or_insert_with(|| (material, path.clone()));
@@ -181,6 +197,7 @@ impl Library {
             );
             return None;
         };
+        self.uses(&path);
         let path = path.canonicalize().unwrap_or(path);
         Some(self.textures.add(path, None, used))
     }

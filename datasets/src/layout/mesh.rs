@@ -9,6 +9,7 @@ use crate::format::obj::{ObjFile, read_obj};
 use crate::format::ply::{PlyMesh, read_mesh};
 use crate::scene::{Corner, Material, Mesh};
 use glam::{DVec3, Vec2};
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -19,6 +20,9 @@ pub struct LoadedMesh {
     pub mesh: Mesh,
     /// Sentences for the user.
     pub notes: Vec<String>,
+    /// Every file that the result follows from: meshes, material libraries, textures, buffers; by
+    /// path, each once.
+    pub files: Vec<PathBuf>,
 }
 
 /// The memory that decoded textures may take unless said otherwise: 6 GiB.
@@ -55,6 +59,7 @@ pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Load
     let mut joined = Joined::default();
     let mut library = Library::default();
     for path in &mesh_files(paths)? {
+        library.uses(path);
         let part = match extension_of(path).as_str() {
             "ply" => read_ply_part(path, &mut library)?,
             "gltf" | "glb" => read_gltf_part(path, &mut library)?,
@@ -73,9 +78,13 @@ pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Load
         ));
     }
     let drafts = std::mem::take(&mut joined.drafts);
-    let (materials, notes) = library.finish(drafts, options)?;
-    let mesh = joined.finish(materials)?;
-    Ok(LoadedMesh { mesh, notes })
+    let finished = library.finish(drafts, options)?;
+    let mesh = joined.finish(finished.materials)?;
+    Ok(LoadedMesh {
+        mesh,
+        notes: finished.notes,
+        files: finished.files,
+    })
 }
 
 /// The ending in small letters.
@@ -171,12 +180,17 @@ impl Part {
 }
 
 fn read_gltf_part(path: &Path, library: &mut Library) -> Result<Part> {
+    let loaded = RefCell::new(Vec::new());
     let load = |name: &str| {
         let found = materials::find(&[path], name)
             .ok_or_else(|| format!("expected the file {name:?} beside it, found none"))?;
+        loaded.borrow_mut().push(found.clone());
         std::fs::read(&found).map_err(|error| format!("cannot read {}: {error}", found.display()))
     };
     let file = read_with(path, |bytes| gltf::read_gltf(bytes, &load))?;
+    for buffer in loaded.into_inner() {
+        library.uses(&buffer);
+    }
     for note in &file.notes {
         library.note(path, note);
     }
@@ -293,16 +307,7 @@ fn read_ply_part(path: &Path, library: &mut Library) -> Result<Part> {
                 .unwrap_or_default(),
         )
     };
-    let mut drafts: Vec<Draft> = (0u32..).zip(&texture_files).map(draft).collect();
-    let needed = used.last().map_or(1, |&slot| slot as usize + 1);
-    if needed > drafts.len() {
-        let found = drafts.len();
-        library.note(
-            path,
-            format!("its faces use {needed} textures, {found} are named"),
-        );
-        drafts.resize(needed, Draft::default());
-    }
+    let drafts = (0u32..).zip(&texture_files).map(draft).collect();
     Part::new(mesh, drafts, slots).map_err(|error| Error::layout(path, error.to_string()))
 }
 

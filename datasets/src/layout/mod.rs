@@ -9,6 +9,7 @@ mod materials;
 pub mod mesh;
 pub mod mesh_out;
 pub mod mvsnet;
+mod numbers;
 pub mod scratch;
 pub mod sparse;
 mod textures;

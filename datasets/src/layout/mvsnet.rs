@@ -66,6 +66,13 @@ pub fn has_cams(folder: &Path) -> Result<bool> {
     Ok(first_cams(folder)?.is_some())
 }
 
+/// Every file that [`read_scene`] reads for `folder`.
+pub(super) fn scene_files(folder: &Path) -> Result<Vec<PathBuf>> {
+    let (folder, cams) = find_cams(folder)?;
+    let pairs = Some(folder.join("pair.txt")).filter(|path| path.is_file());
+    Ok(cams.into_values().chain(pairs).collect())
+}
+
 /// The folder that holds cams, and its cams by view id.
 fn find_cams(folder: &Path) -> Result<(PathBuf, BTreeMap<u32, PathBuf>)> {
     first_cams(folder)?.ok_or_else(|| {

@@ -130,7 +130,8 @@ impl Textures {
             let path = largest.map_or(Path::new(""), |number| &self.wanted[number].path);
             let problem = format!(
                 "expected textures of at most {} MiB once decoded, found {} textures of {} MiB, of \
-                 which this is the largest: allow more (--texture-memory) or make them smaller",
+                 which this is the largest: make them smaller, or allow more (render, generate and pairs \
+                 have --texture-memory)",
                 options.texture_bytes >> 20,
                 costs.len(),
                 total.div_ceil(1 << 20)

@@ -1,5 +1,6 @@
 //! A Tanks and Temples scene folder.
 
+use super::numbers::number_of;
 use super::{cameras, files};
 use crate::error::{Error, FormatError, Result};
 use crate::format::colmap::{self, ColmapImage};
@@ -131,7 +132,7 @@ pub fn read_model_trajectory(images: &Path, count: usize) -> Result<Vec<LogPose>
 
 fn poses_by_number(images: &[ColmapImage], count: usize) -> Result<Vec<LogPose>, FormatError> {
     let number = |image: &ColmapImage| {
-        cameras::number_of(&image.name).ok_or_else(|| {
+        number_of(&image.name).ok_or_else(|| {
             let problem = "expected images whose names are their numbers (000001.jpg), so that they \
                            can be told apart, found another name: convert the model to a .log";
             FormatError::new(format!("image {} ({})", image.id, image.name), problem)

@@ -129,7 +129,8 @@ impl Mesh {
             .unwrap_or_default();
         if worst as usize >= materials.len() {
             let found = materials.len();
-            let problem = format!("expected at least {} materials, found {found}", worst + 1);
+            let needed = u64::from(worst) + 1;
+            let problem = format!("expected at least {needed} materials, found {found}");
             return Err(Error::invalid("mesh", problem));
         }
         self.materials = materials;

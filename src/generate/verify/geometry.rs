@@ -1,28 +1,26 @@
 //! Depth carried from each view into its source views.
 
+use super::carry::{SAME_SURFACE, agrees, carry, grid};
 use super::reading::Reading;
 use super::{Finding, VerifyOptions, median};
+use super::{listed, single};
 use crate::error::Result;
-use crate::generate::PairOptions;
-use crate::generate::pairs::angle_at;
 use crate::parallel;
 use crate::progress::Progress;
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use mvs_datasets::layout::blended::BlendedFolder;
 use mvs_datasets::scene::{ColorImage, DepthMap, Scene, View};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Depths that differ by less than this fraction are taken to show the same surface.
-const SAME_SURFACE: f64 = 0.01;
-/// Neighbouring depths that differ by more are not interpolated.
-const SMOOTH: f64 = 0.02;
+/// Both views as they are.
+pub(super) const AS_IS: (Reading, Reading) = (Reading::AsIs, Reading::AsIs);
 /// Views, evenly spread, by which readings and pairs are judged.
 const JUDGED_VIEWS: usize = 24;
 /// Below this many points in frame nothing is said about a pair.
-const FEW: usize = 20;
+pub(super) const FEW: usize = 20;
 /// Differences below this say nothing more: the depths' own rounding.
-const FLOOR: f64 = 1e-7;
+pub(super) const FLOOR: f64 = 1e-7;
 
 /// One view's depth carried into one of its source views.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -52,18 +50,10 @@ pub(super) struct Checked {
 }
 
 /// A view with its depth and, if readable, its image.
-struct Seen {
-    view: View,
-    depth: DepthMap,
+pub(super) struct Seen {
+    pub(super) view: View,
+    pub(super) depth: DepthMap,
     image: Option<ColorImage>,
-}
-
-/// A point carried into another view.
-struct Carried {
-    /// Where it falls in the source.
-    pixel: DVec2,
-    /// Relative difference between its depth there and the source's: positive when behind.
-    difference: f64,
 }
 
 pub(super) fn check(
@@ -74,21 +64,34 @@ pub(super) fn check(
 ) -> Result<Checked> {
     let mut findings = Vec::new();
     let judged = read_some(folder, scene)?;
-    findings.extend(judge_readings(scene, &judged, options));
-    findings.extend(judge_pairs(scene, &judged));
-    let pairs = check_pairs(folder, scene, options, progress)?;
+    let convention = judge_readings(scene, &judged, options);
+    let (pairs, points) = check_pairs(folder, scene, options, progress)?;
+    let agreeing = || pairs.iter().filter(|pair| pair.agree >= FEW);
+    let median_difference = median(agreeing().map(|pair| pair.median_difference).collect());
+    if convention.is_none() {
+        // Where all views are misread, each by itself is too.
+        let overall = median_difference.unwrap_or(0.0);
+        findings.extend(single::check(
+            (folder, scene),
+            (&pairs, &points),
+            overall,
+            options,
+        ));
+        findings.extend(overall_finding(overall));
+    }
+    findings.extend(convention);
+    findings.extend(listed::judge(scene, &judged));
     findings.extend(pairs.iter().filter_map(pair_finding));
     findings.extend(colors(&judged, scene, options));
-    let agreeing = || pairs.iter().filter(|pair| pair.agree >= FEW);
     Ok(Checked {
-        median_difference: median(agreeing().map(|pair| pair.median_difference).collect()),
+        median_difference,
         median_color_difference: median(agreeing().map(|pair| pair.color_difference).collect()),
         findings,
         pairs,
     })
 }
 
-fn read(folder: &BlendedFolder, view: &View) -> Option<Seen> {
+pub(super) fn read(folder: &BlendedFolder, view: &View) -> Option<Seen> {
     let (depth, _) = folder.read_depth(view.id).ok()?;
     if depth.size() != (view.camera.width(), view.camera.height()) {
         return None;
@@ -114,81 +117,20 @@ fn read_some(folder: &BlendedFolder, scene: &Scene) -> Result<BTreeMap<usize, Se
         .collect())
 }
 
-/// Pixels with depth on a regular grid of about `points`.
-fn grid(depth: &DepthMap, points: u32) -> Vec<(DVec2, f32)> {
-    let (width, height) = depth.size();
-    let pixels = f64::from(width) * f64::from(height);
-    let stride = ((pixels / f64::from(points.max(1))).sqrt() as usize).max(1);
-    let mut found = Vec::new();
-    for row in (stride as u32 / 2..height).step_by(stride) {
-        for column in (stride as u32 / 2..width).step_by(stride) {
-            let value = depth.get(column, row);
-            if value > 0.0 {
-                let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-                found.push((pixel, value));
-            }
-        }
-    }
-    found
+/// Advice where views agree that they see the same surface, and not where it is.
+fn overall_finding(median_difference: f64) -> Option<Finding> {
+    (median_difference > single::CLOSE).then(|| {
+        let message = format!(
+            "expected depths that agree to {:.1e} where views see the same surface, found \
+             {median_difference:.1e} (median over pairs, relative): depths or cameras are rough",
+            single::CLOSE
+        );
+        Finding::advice("depths-disagree", "all views", message)
+    })
 }
 
-/// The depth at continuous coordinates, interpolated as a plane is: linearly in 1/z. `None` at
-/// borders, jumps and holes.
-fn interpolated(depth: &DepthMap, view: &View, pixel: DVec2, reading: Reading) -> Option<f64> {
-    let corner = pixel - 0.5;
-    let (width, height) = depth.size();
-    let inside = corner.x >= 0.0
-        && corner.y >= 0.0
-        && corner.x < f64::from(width) - 1.0
-        && corner.y < f64::from(height) - 1.0;
-    if !inside {
-        return None;
-    }
-    let (column, row) = (corner.x as u32, corner.y as u32);
-    let (fx, fy) = (corner.x.fract(), corner.y.fract());
-    let mut inverse = 0.0;
-    let (mut least, mut most) = (f64::INFINITY, 0.0f64);
-    for (dx, dy, weight) in [
-        (0, 0, (1.0 - fx) * (1.0 - fy)),
-        (1, 0, fx * (1.0 - fy)),
-        (0, 1, (1.0 - fx) * fy),
-        (1, 1, fx * fy),
-    ] {
-        let value = depth.get(column + dx, row + dy);
-        if value <= 0.0 {
-            return None;
-        }
-        let centre = DVec2::new(f64::from(column + dx) + 0.5, f64::from(row + dy) + 0.5);
-        let z = reading.depth(&view.camera, centre, value);
-        least = least.min(z);
-        most = most.max(z);
-        inverse += weight / z;
-    }
-    (most <= least * (1.0 + SMOOTH)).then(|| 1.0 / inverse)
-}
-
-/// The reference's points that fall on smooth depth of the source, with their world positions.
-fn carry(
-    reference: (&View, &[(DVec2, f32)]),
-    source: (&View, &DepthMap),
-    reading: Reading,
-) -> Vec<(DVec2, DVec3, Carried)> {
-    let (view, points) = reference;
-    let carried = |&(from, value): &(DVec2, f32)| {
-        let z = reading.depth(&view.camera, from, value);
-        let position = view.pose.to_world(z * view.camera.ray(from));
-        let in_source = source.0.pose.to_cam(position);
-        let pixel = source.0.camera.project(in_source)?;
-        let there = interpolated(source.1, source.0, pixel, reading)?;
-        let difference = in_source.z / there - 1.0;
-        Some((from, position, Carried { pixel, difference }))
-    };
-    points.iter().filter_map(carried).collect()
-}
-
-fn agrees(carried: &Carried) -> bool {
-    carried.difference.abs() < SAME_SURFACE
-}
+/// What was found of pairs, and how many points each view has, by id.
+type OfPairs = (Vec<PairCheck>, BTreeMap<u32, usize>);
 
 /// Carries every view's depth into its listed source views.
 fn check_pairs(
@@ -196,7 +138,7 @@ fn check_pairs(
     scene: &Scene,
     options: &VerifyOptions,
     progress: &dyn Progress,
-) -> Result<Vec<PairCheck>> {
+) -> Result<OfPairs> {
     progress.begin(
         "carrying depth into source views",
         scene.views().len() as u64,
@@ -205,23 +147,26 @@ fn check_pairs(
         progress.check()?;
         progress.advance(1);
         let Some(reference) = read(folder, &scene.views()[index]) else {
-            return Ok(Vec::new());
+            return Ok((Vec::new(), None));
         };
         let points = grid(&reference.depth, options.points);
         let sources = scene.sources_of(index).iter().filter_map(|source| {
             let view = &scene.views()[scene.index_of(source.id)?];
             Some(check_pair(&reference, &points, &read(folder, view)?))
         });
-        Ok(sources.collect())
+        let count = (reference.view.id, points.len());
+        Ok((sources.collect::<Vec<_>>(), Some(count)))
     })?;
-    Ok(checked.into_iter().flatten().collect())
+    let (pairs, counts): (Vec<_>, Vec<_>) = checked.into_iter().unzip();
+    let counts = counts.into_iter().flatten();
+    Ok((pairs.into_iter().flatten().collect(), counts.collect()))
 }
 
 fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairCheck {
     let all = carry(
         (&reference.view, points),
         (&source.view, &source.depth),
-        Reading::AsIs,
+        AS_IS,
     );
     let same: Vec<_> = all
         .iter()
@@ -304,7 +249,7 @@ fn merit(
             carry(
                 (&views[&index], &grid),
                 (&views[&other], &judged[&other].depth),
-                reading,
+                (reading, reading),
             )
         });
         let agreeing = differences.filter(|(_, _, carried)| agrees(carried));
@@ -351,45 +296,6 @@ fn judged_enough(scene: &Scene) -> bool {
     scene.views().len() >= 2
 }
 
-/// Whether the listed source views suit their references better than others would.
-fn judge_pairs(scene: &Scene, judged: &BTreeMap<usize, Seen>) -> Option<Finding> {
-    let options = PairOptions::default();
-    let (mut listed, mut others) = (Vec::new(), Vec::new());
-    for (&index, reference) in judged {
-        let points = grid(&reference.depth, 300);
-        for (_, source) in judged.iter().filter(|&(&other, _)| other != index) {
-            let carried = carry(
-                (&reference.view, &points),
-                (&source.view, &source.depth),
-                Reading::AsIs,
-            );
-            let centers = (
-                reference.view.pose.center_in_world(),
-                source.view.pose.center_in_world(),
-            );
-            let same = carried.iter().filter(|(_, _, carried)| agrees(carried));
-            let score: f64 = same
-                .map(|(_, at, _)| options.weight(angle_at(*at, centers)))
-                .sum();
-            let is_listed = scene
-                .sources_of(index)
-                .iter()
-                .any(|s| s.id == source.view.id);
-            if is_listed { &mut listed } else { &mut others }.push(score);
-        }
-    }
-    let mean = |scores: &[f64]| scores.iter().sum::<f64>() / scores.len().max(1) as f64;
-    let (of_listed, of_others) = (mean(&listed), mean(&others));
-    let enough = listed.len() >= 5 && others.len() >= 5;
-    (enough && of_listed < 1.2 * of_others).then(|| {
-        let message = format!(
-            "expected source views that see the same surface under a small angle, found a mean \
-             score of {of_listed:.2} for those in pair.txt and {of_others:.2} for the others"
-        );
-        Finding::fault("shuffled-pairs", "cams/pair.txt", message)
-    })
-}
-
 /// Whether images show what the depths say: colours at the same point against colours elsewhere.
 fn colors(
     judged: &BTreeMap<usize, Seen>,
@@ -409,7 +315,7 @@ fn colors(
             let carried = carry(
                 (&reference.view, &points),
                 (&source.view, &source.depth),
-                Reading::AsIs,
+                AS_IS,
             );
             let pixels: Vec<(DVec2, DVec2)> = carried
                 .iter()

@@ -1,15 +1,18 @@
 //! Checks a scene of the BlendedMVS kind, ours or somebody else's: the rules of its readers, and
 //! whether images, depths and cameras say the same.
 
+mod carry;
 mod geometry;
+mod listed;
 mod pictures;
 mod reading;
 mod rules;
+mod single;
 
 pub use geometry::PairCheck;
 pub use reading::Reading;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use mvs_datasets::layout::blended::BlendedFolder;
 use mvs_datasets::layout::mvsnet::PixelCentre;
@@ -69,7 +72,7 @@ pub struct VerifyOptions {
     /// The pixel centre of the intrinsics; without it what `scene.json` says, else (0.5, 0.5).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_centre: Option<PixelCentre>,
-    /// Points per view that are carried into its source views.
+    /// Points per view that are carried into its source views, at least 200.
     pub points: u32,
 }
 
@@ -110,6 +113,9 @@ impl Verification {
     }
 }
 
+/// With fewer points per view nothing can be said of its pairs.
+const FEWEST_POINTS: u32 = 200;
+
 /// Verifies the scene in `folder`. What is wrong with it is a finding, not an error; an error means
 /// that it could not be looked at.
 pub fn verify(
@@ -117,6 +123,13 @@ pub fn verify(
     options: &VerifyOptions,
     progress: &dyn Progress,
 ) -> Result<Verification> {
+    if options.points < FEWEST_POINTS {
+        let problem = format!(
+            "expected at least {FEWEST_POINTS}, found {}",
+            options.points
+        );
+        return Err(Error::invalid("verify: --points", problem));
+    }
     let mut findings = rules::check(folder)?;
     let mut verification = Verification {
         views: 0,

@@ -56,6 +56,15 @@ fn check_view(folder: &BlendedFolder, view: &View) -> Vec<Finding> {
             return findings;
         }
     };
+    let size = (view.camera.width(), view.camera.height());
+    if depth.size() != size {
+        let message = format!(
+            "expected the size of the scene's first image, {size:?}, found {:?}: readers take one \
+             size for all views",
+            depth.size()
+        );
+        findings.push(Finding::fault("size-mismatch", depth_name.clone(), message));
+    }
     check_range(view, &depth, &depth_name, &mut findings);
     let image = sized(folder, (id, ".jpg"), &depth, &mut findings);
     let masked = sized(folder, (id, "_masked.jpg"), &depth, &mut findings);

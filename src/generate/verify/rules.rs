@@ -25,6 +25,13 @@ pub(super) fn check(folder: &BlendedFolder) -> Result<Vec<Finding>> {
     if !findings.is_empty() {
         return Ok(findings);
     }
+    if folder.path().join(blended::UNFINISHED).exists() {
+        findings.push(Finding::fault(
+            "unfinished",
+            blended::UNFINISHED,
+            "expected a finished scene, found one whose making was interrupted: run it again, or --merge",
+        ));
+    }
     let ids = cams(folder, &mut findings)?;
     depths(folder, &mut findings)?;
     for &id in &ids {

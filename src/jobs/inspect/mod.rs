@@ -6,6 +6,7 @@ mod text;
 use super::Context;
 use crate::error::{Error, Result};
 use crate::score::points::prism;
+use mvs_datasets::format::ply;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
 use mvs_datasets::layout::{files, mesh};
@@ -133,12 +134,10 @@ fn inspect_tnt(folder: &TntFolder) -> Answer {
 }
 
 fn inspect_ply(path: &Path) -> Answer {
-    let (cloud, dropped) = files::read_cloud(path)?.without_non_finite();
-    if let Ok(loaded) = mesh::read_meshes(&[path.to_path_buf()])
-        && !loaded.mesh.triangles().is_empty()
-    {
+    if files::read_with(path, ply::read_summary)?.faces > 0 {
         return inspect_mesh(path);
     }
+    let (cloud, dropped) = files::read_cloud(path)?.without_non_finite();
     let columns = [
         ("normals", cloud.normals().is_some()),
         ("colours", cloud.colors().is_some()),
@@ -289,9 +288,16 @@ fn inspect_log(path: &Path) -> Answer {
 
 /// A crop volume, or cameras as transforms.json has them.
 fn inspect_json(job: &InspectJob) -> Answer {
-    let volume = match files::read_crop(&job.path) {
-        Ok(volume) => volume,
-        Err(no_crop) => return cameras::inspect(job).map_err(|_| no_crop.into()),
+    let volume = match (files::read_crop(&job.path), cameras::inspect(job)) {
+        (Ok(volume), _) => volume,
+        (Err(_), Ok(cameras)) => return Ok(cameras),
+        (Err(no_crop), Err(no_cameras)) => {
+            let problem = format!(
+                "expected a crop volume or cameras, found neither: as a crop volume, {no_crop}; as \
+                 cameras, {no_cameras}"
+            );
+            return Err(Error::invalid(job.path.display().to_string(), problem));
+        }
     };
     let (min, max) = volume.range();
     let facts = vec![

@@ -52,10 +52,25 @@ pub struct ViewRecord {
     pub surface: usize,
     /// Of those, the ones that readers keep: depth in (min + Δ, min + 126·Δ].
     pub kept_by_readers: usize,
+    /// Pixels that show the back of a triangle, which is no surface unless asked for.
+    #[serde(default)]
+    pub back_faces: usize,
+    /// How the masked image was encoded, where the asked way left its background too bright.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub masked_jpeg: Option<Encoding>,
     /// BLAKE3 of each of the view's files, by path in the scene folder.
     pub files: BTreeMap<String, String>,
     /// What the user should know of this view: (code, sentence).
     pub warnings: Vec<(String, String)>,
+}
+
+/// How a JPEG was encoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Encoding {
+    /// 1 to 100.
+    pub quality: u8,
+    /// Chroma at full resolution (4:4:4) instead of half (4:2:0).
+    pub full_chroma: bool,
 }
 
 /// A view that is not in the scene.
