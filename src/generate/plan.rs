@@ -162,7 +162,7 @@ mod tests {
     fn the_procedure_changes_when_the_bytes_do() {
         let folder = tempfile::tempdir().unwrap();
         let options = SyntheticOptions {
-            views: 3,
+            views: 6,
             width: 96,
             height: 72,
             ..SyntheticOptions::default()
@@ -184,14 +184,16 @@ mod tests {
         let target = BlendedFolder::new(folder.path());
         let made = generate(&source, &target, &options, &Silent, &Warnings::default()).unwrap();
         let files = made.views[0].files.iter();
-        let found: Vec<String> = files
-            .map(|(name, hash)| format!("{name} {}", &hash[..16]))
-            .collect();
-        assert_eq!(PROCEDURE, "generate 3", "record the new hashes below");
-        let expected = [""; 0];
+        let found = files.map(|(name, hash)| format!("{name},{hash}\n"));
+        let found = format!("procedure,{PROCEDURE}\n{}", found.collect::<String>());
+        let golden = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/golden/generated_view.csv"
+        );
+        let golden = std::fs::read_to_string(golden).unwrap();
         assert_eq!(
-            found, expected,
-            "other bytes: change PROCEDURE, then record these"
+            found, golden,
+            "other bytes than in tests/golden/generated_view.csv: change PROCEDURE and that file"
         );
     }
 

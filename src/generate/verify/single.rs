@@ -86,7 +86,7 @@ fn better_reading(
     let judged = Reading::all().into_iter().skip(1);
     let judged = judged.filter_map(|reading| Some((merit_of(reading)?, reading)));
     let ((merit, difference), reading) = judged.max_by(|a, b| a.0.0.total_cmp(&b.0.0))?;
-    (merit > 2.0 * as_is).then(|| {
+    (merit > 2.0 * as_is && difference < CLOSE).then(|| {
         let advice = reading.advice();
         format!("{advice}; it then agrees to {difference:.2e}")
     })
