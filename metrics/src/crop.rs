@@ -20,6 +20,43 @@ pub struct Prism {
     slabs: Slabs,
 }
 
+/// An edge i→j of a polygon.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Edge {
+    i: DVec2,
+    j: DVec2,
+    /// The edge's own range along the first axis, with room for rounding: beyond it there is nothing to
+    /// compute.
+    low: f64,
+    high: f64,
+}
+
+/// Covers the rounding of a point on an edge, relative to its ends.
+const ROUNDING: f64 = 1e-12;
+
+impl Edge {
+    fn new(i: DVec2, j: DVec2) -> Self {
+        let room = if (j - i).is_finite() {
+            ROUNDING * (i.x.abs() + j.x.abs())
+        } else {
+            f64::INFINITY
+        };
+        let (low, high) = (i.x.min(j.x) - room, i.x.max(j.x) + room);
+        Self { i, j, low, high }
+    }
+
+    /// Whether it is crossed strictly left of a place.
+    #[inline]
+    fn is_crossed_left_of(&self, pu: f64, pv: f64) -> bool {
+        let (i, j) = (self.i, self.j);
+        let crossed = (i.y < pv && j.y >= pv) || (j.y < pv && i.y >= pv);
+        if !crossed || pu <= self.low || pu > self.high {
+            return crossed && pu > self.high;
+        }
+        i.x + (pv - i.y) / (j.y - i.y) * (j.x - i.x) < pu
+    }
+}
+
 /// The polygon's edges, listed for each of equal slabs along its second axis that they may cross.
 #[derive(Debug, Clone, PartialEq)]
 struct Slabs {
@@ -27,12 +64,12 @@ struct Slabs {
     slabs_per_unit: f64,
     /// Where the edges of a slab start, and the end of the last.
     starts: Vec<u32>,
-    edges: Vec<[DVec2; 2]>,
+    edges: Vec<Edge>,
 }
 
 impl Slabs {
-    fn new(edges: &[[DVec2; 2]]) -> Self {
-        let along = || edges.iter().map(|edge| edge[0].y);
+    fn new(edges: &[Edge]) -> Self {
+        let along = || edges.iter().map(|edge| edge.i.y);
         let start = along().fold(f64::INFINITY, f64::min);
         let end = along().fold(f64::NEG_INFINITY, f64::max);
         let slabs_per_unit = SLABS / (end - start);
@@ -47,9 +84,8 @@ impl Slabs {
             edges: Vec::new(),
         };
         for slab in 0..=SLABS as usize {
-            let ends = |edge: &[DVec2; 2]| edge.map(|end| slabs.slab_of(end.y));
-            let crosses = |edge: &&[DVec2; 2]| {
-                let [i, j] = ends(edge);
+            let crosses = |edge: &&Edge| {
+                let (i, j) = (slabs.slab_of(edge.i.y), slabs.slab_of(edge.j.y));
                 i.min(j) <= slab && slab <= i.max(j)
             };
             let listed: Vec<_> = edges.iter().filter(crosses).copied().collect();
@@ -68,7 +104,7 @@ impl Slabs {
 
     /// The edges that may be crossed at a place, in the polygon's order.
     #[inline]
-    fn at(&self, along: f64) -> &[[DVec2; 2]] {
+    fn at(&self, along: f64) -> &[Edge] {
         let slab = self.slab_of(along);
         &self.edges[self.starts[slab] as usize..self.starts[slab + 1] as usize]
     }
@@ -97,7 +133,10 @@ impl Prism {
             return Err(Error::invalid("crop", problem));
         }
         let following = polygon.iter().cycle().skip(1);
-        let edges = polygon.iter().zip(following).map(|(&i, &j)| [i, j]);
+        let edges = polygon
+            .iter()
+            .zip(following)
+            .map(|(&i, &j)| Edge::new(i, j));
         Ok(Self {
             axis,
             u,
@@ -118,11 +157,8 @@ impl Prism {
             return false;
         }
         let (pu, pv) = (point[self.u], point[self.v]);
-        let crossed_left = |&&[i, j]: &&[DVec2; 2]| {
-            let crossed = (i.y < pv && j.y >= pv) || (j.y < pv && i.y >= pv);
-            crossed && i.x + (pv - i.y) / (j.y - i.y) * (j.x - i.x) < pu
-        };
-        self.slabs.at(pv).iter().filter(crossed_left).count() % 2 == 1
+        let crossed_left = |inside, edge: &Edge| inside ^ edge.is_crossed_left_of(pu, pv);
+        self.slabs.at(pv).iter().fold(false, crossed_left)
     }
 
     /// The indices of the points inside, ascending.

@@ -1,13 +1,33 @@
 //! Thinning a cloud: Open3D's voxel grid, and every k-th point.
 
-use crate::distance::hilbert;
+use crate::distance::{Take, hilbert};
 use crate::error::{Error, Result};
+use crate::stretches::Stretches;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Entries of which one task takes the means.
-const PIECE: usize = 1 << 14;
+/// Entries of which one task takes the means, at least.
+const PIECE: usize = 1 << 13;
+/// Pieces whose means are held at a time, per thread.
+const PIECES: usize = 4;
+/// Entries that one task makes.
+const ENTRIES: usize = 1 << 14;
+/// No point, where points are listed by their voxels.
+const NONE: u32 = u32::MAX;
+
+/// Some of the points that a function gives by their index, each several times.
+#[derive(Debug, Clone, Copy)]
+pub struct Members<'a, A, R> {
+    /// Which.
+    pub indices: &'a Stretches,
+    /// The point of an index.
+    pub at: A,
+    /// Where the point stands in the order in which means are accumulated; differs for each index.
+    pub rank: R,
+    /// The box around them, where it is known and finite.
+    pub corners: Option<(DVec3, DVec3)>,
+}
 
 /// One point per occupied voxel of edge `size`: the mean of the points in it.
 ///
@@ -15,61 +35,93 @@ const PIECE: usize = 1 << 14;
 /// voxel is `floor((p − start) / size)`, the mean is accumulated in input order and divided once.
 /// The points come out along a Hilbert curve through the grid: neighbours in the list are neighbours
 /// in space. No points give no points. An error where `size` is not above 0, a point is not finite,
-/// or the grid would have more than 2³¹ − 1 voxels along an axis.
+/// or the grid would have more than 2³¹ − 1 voxels along an axis, or there are more than 2³² − 1
+/// points.
 pub fn voxel(points: &[DVec3], size: f64) -> Result<Vec<DVec3>> {
-    voxel_of(
-        points.len(),
-        |index| points[index],
-        |index| index as u32,
-        size,
-    )
+    let count = u32::try_from(points.len()).map_err(|_| {
+        let problem = format!("expected at most 4294967295 points, found {}", points.len());
+        Error::invalid("voxel grid", problem)
+    })?;
+    let members = Members {
+        indices: &Stretches::all(count),
+        at: |index| points[index],
+        rank: |index| index as u32,
+        corners: None,
+    };
+    let mut means = Vec::new();
+    voxel_each(&members, size, &mut |some| {
+        means.extend_from_slice(some);
+        Ok(())
+    })?;
+    Ok(means)
 }
 
-/// As [`voxel`], for `count` points that `at` gives by their index, each several times; means are
-/// accumulated in the order of what `rank` gives, which differs for each index.
-pub fn voxel_of(
-    count: usize,
-    at: impl Fn(usize) -> DVec3 + Sync,
-    rank: impl Fn(usize) -> u32 + Sync,
-    size: f64,
-) -> Result<Vec<DVec3>> {
-    let Some(grid) = Grid::around(count, &at, size)? else {
-        return Ok(Vec::new());
+/// As [`voxel`]; `take` gets the points stretch by stretch, so that no list of all of them need exist.
+/// An error of `take` ends it.
+pub fn voxel_each<A, R>(members: &Members<'_, A, R>, size: f64, take: &mut Take<'_>) -> Result<()>
+where
+    A: Fn(usize) -> DVec3 + Sync,
+    R: Fn(usize) -> u32 + Sync,
+{
+    if members.indices.is_empty() {
+        return Grid::check_size(size);
+    }
+    let at = |index: u32| (members.at)(index as usize);
+    let grid = match members.corners {
+        Some(corners) => Grid::between(corners, size)?,
+        None => Grid::around(members.indices.iter().map(at), size)?,
     };
-    if u32::try_from(count).is_err() {
-        let problem = format!("expected at most 4294967295 points, found {count}");
-        return Err(Error::invalid("voxel grid", problem));
+    let mut entries = entries(members, &grid);
+    let most = PIECES * rayon::current_num_threads();
+    while !entries.is_empty() {
+        let (mut pieces, mut rest) = (Vec::new(), &entries[..]);
+        while pieces.len() < most && !rest.is_empty() {
+            let (left, piece) = rest.split_at(last_piece(rest));
+            pieces.push(piece);
+            rest = left;
+        }
+        let left = rest.len();
+        let means: Vec<Vec<DVec3>> = pieces
+            .into_par_iter()
+            .map_init(
+                || Lists::new(&grid),
+                |lists, piece| means(piece, &grid, members, lists),
+            )
+            .collect();
+        means.iter().try_for_each(|means| take(means))?;
+        // What is done makes room.
+        entries.truncate(left);
+        entries.shrink_to_fit();
     }
-    let cell = |index: usize| u64::from(grid.cell_of(at(index))) << 32 | index as u64;
-    let mut entries: Vec<u64> = (0..count).into_par_iter().map(cell).collect();
+    Ok(())
+}
+
+/// Per point its cell, counted from the curve's end, over its index; sorted.
+fn entries<A, R>(members: &Members<'_, A, R>, grid: &Grid) -> Vec<u64>
+where
+    A: Fn(usize) -> DVec3 + Sync,
+    R: Sync,
+{
+    let mut entries = vec![0; members.indices.len()];
+    let at = &members.at;
+    let chunks = entries.par_chunks_mut(ENTRIES).enumerate();
+    let indices = members.indices;
+    chunks.for_each(|(chunk, entries)| {
+        for (entry, index) in entries.iter_mut().zip(indices.from(chunk * ENTRIES)) {
+            let cell = hilbert::LAST - grid.cell_of(at(index as usize));
+            *entry = u64::from(cell) << 32 | u64::from(index);
+        }
+    });
     hilbert::radix_sort(&mut entries, &mut Vec::new());
-    let mut all = vec![DVec3::ZERO; count];
-    let (mut work, mut rest) = (Vec::new(), &mut all[..]);
-    for piece in pieces(&entries) {
-        let (room, left) = rest.split_at_mut(piece.len());
-        work.push((piece, room));
-        rest = left;
-    }
-    let found: Vec<(usize, usize)> = work
-        .into_par_iter()
-        .map(|(piece, room)| (piece.len(), means(piece, &grid, (&at, &rank), room)))
-        .collect();
-    drop(entries);
-    let (mut first, mut end) = (0, 0);
-    for (room, found) in found {
-        all.copy_within(first..first + found, end);
-        (first, end) = (first + room, end + found);
-    }
-    all.truncate(end);
-    all.shrink_to_fit();
-    Ok(all)
+    entries
 }
 
 /// As [`voxel`], by an ordered map and one loop, by x, then y, then z: the oracle.
 pub fn voxel_plain(points: &[DVec3], size: f64) -> Result<Vec<DVec3>> {
-    let Some(grid) = Grid::around(points.len(), &|index| points[index], size)? else {
-        return Ok(Vec::new());
-    };
+    if points.is_empty() {
+        return Grid::check_size(size).map(|()| Vec::new());
+    }
+    let grid = Grid::around(points.iter().copied(), size)?;
     let mut voxels: BTreeMap<[i32; 3], (DVec3, usize)> = BTreeMap::new();
     for &point in points {
         let (sum, count) = voxels.entry(grid.voxel_of(point)).or_default();
@@ -80,74 +132,133 @@ pub fn voxel_plain(points: &[DVec3], size: f64) -> Result<Vec<DVec3>> {
     Ok(voxels.into_values().map(mean).collect())
 }
 
-/// Stretches of sorted entries that end where cells do.
-fn pieces(mut entries: &[u64]) -> Vec<&[u64]> {
-    let mut pieces = Vec::with_capacity(entries.len() / PIECE + 1);
-    while entries.len() > PIECE {
-        let cell = entries[PIECE] >> 32;
-        let end = entries.partition_point(|entry| entry >> 32 <= cell);
-        let (piece, rest) = entries.split_at(end);
-        pieces.push(piece);
-        entries = rest;
-    }
-    pieces.push(entries);
-    pieces
+/// Where a last piece of sorted entries starts, which begins where a cell does.
+fn last_piece(entries: &[u64]) -> usize {
+    let Some(latest) = entries.len().checked_sub(PIECE) else {
+        return 0;
+    };
+    let cell = entries[latest] >> 32;
+    entries.partition_point(|entry| entry >> 32 < cell)
 }
 
-/// Writes the means of the voxels in some cells, whose entries are sorted by cell, from the front on;
-/// how many.
-fn means(
+/// The means of the voxels in some cells, whose entries are sorted by cell: from the last one to the
+/// first.
+fn means<A, R>(
     entries: &[u64],
     grid: &Grid,
-    (at, rank): (&impl Fn(usize) -> DVec3, &impl Fn(usize) -> u32),
-    means: &mut [DVec3],
-) -> usize {
-    let mut count = 0;
-    let mut put = |mean: DVec3| {
-        means[count] = mean;
-        count += 1;
-    };
-    let mut members: Vec<DVec3> = Vec::new();
-    let mut voxels: Vec<u64> = Vec::new();
-    for cell in entries.chunk_by(|a, b| a >> 32 == b >> 32) {
-        let index = |place: u64| cell[place as u32 as usize] as u32 as usize;
-        members.clear();
-        members.extend((0..cell.len() as u64).map(|place| at(index(place))));
-        let Some(number) = grid.number_in_cell() else {
-            means_of_wide_cell(&members, grid, |place| rank(index(place as u64)), &mut put);
-            continue;
-        };
-        voxels.clear();
-        let member = |(&point, place): (&DVec3, u64)| number(point) << 32 | place;
-        voxels.extend(members.iter().zip(0..).map(member));
-        voxels.sort_unstable();
-        for voxel in voxels.chunk_by_mut(|a, b| a >> 32 == b >> 32) {
-            if voxel.len() > 1 {
-                voxel.sort_unstable_by_key(|&place| rank(index(place)));
-            }
-            let add = |sum, &place: &u64| sum + members[place as u32 as usize];
-            put(voxel.iter().fold(DVec3::ZERO, add) / voxel.len() as f64);
+    members: &Members<'_, A, R>,
+    lists: &mut Lists,
+) -> Vec<DVec3>
+where
+    A: Fn(usize) -> DVec3 + Sync,
+    R: Fn(usize) -> u32 + Sync,
+{
+    let mut means = Vec::with_capacity(entries.len());
+    for cell in entries.chunk_by(|a, b| a >> 32 == b >> 32).rev() {
+        let at = |place: u32| (members.at)(cell[place as usize] as u32 as usize);
+        let rank = |place: u32| (members.rank)(cell[place as usize] as u32 as usize);
+        if lists.suit(cell.len()) {
+            lists.means((0..cell.len() as u32).map(at), rank, grid, &mut means);
+        } else {
+            means_by_sorting((0..cell.len() as u32).map(at), rank, grid, &mut means);
         }
     }
-    count
+    means
 }
 
-/// As [`means`] for one cell of more voxels than 32 bits count.
-fn means_of_wide_cell(
-    members: &[DVec3],
+/// The means of one cell's voxels, by x, then y, then z, whatever the size of cells.
+fn means_by_sorting(
+    points: impl Iterator<Item = DVec3>,
+    rank: impl Fn(u32) -> u32,
     grid: &Grid,
-    rank: impl Fn(usize) -> u32,
-    mut put: impl FnMut(DVec3),
+    means: &mut Vec<DVec3>,
 ) {
-    let mut voxels: Vec<([i32; 3], u32, DVec3)> = members
-        .iter()
-        .enumerate()
-        .map(|(place, &point)| (grid.voxel_of(point), rank(place), point))
-        .collect();
+    let member = |(place, point)| (grid.voxel_of(point), rank(place), point);
+    let mut voxels: Vec<([i32; 3], u32, DVec3)> = (0..).zip(points).map(member).collect();
     voxels.sort_unstable_by_key(|&(voxel, rank, _)| (voxel, rank));
     for voxel in voxels.chunk_by(|a, b| a.0 == b.0) {
         let sum = voxel.iter().fold(DVec3::ZERO, |sum, member| sum + member.2);
-        put(sum / voxel.len() as f64);
+        means.push(sum / voxel.len() as f64);
+    }
+}
+
+/// The points of one cell, listed by their voxels.
+struct Lists {
+    /// Per voxel of a cell the point listed last.
+    last: Vec<u32>,
+    /// A bit per voxel that has points.
+    occupied: Vec<u64>,
+    /// Per point the one listed before it in its voxel.
+    before: Vec<u32>,
+    points: Vec<DVec3>,
+    /// The points of one voxel and their ranks.
+    voxel: Vec<(u32, u32)>,
+}
+
+impl Lists {
+    /// Bits of the number of a voxel in its cell at most.
+    const MOST: u32 = 18;
+
+    fn new(grid: &Grid) -> Self {
+        let bits = 3 * grid.shift;
+        let voxels = if bits <= Self::MOST { 1 << bits } else { 0 };
+        Self {
+            last: vec![NONE; voxels],
+            occupied: vec![0; voxels.div_ceil(64)],
+            before: Vec::new(),
+            points: Vec::new(),
+            voxel: Vec::new(),
+        }
+    }
+
+    /// Whether there are lists, and points enough to look through all of them.
+    fn suit(&self, points: usize) -> bool {
+        !self.last.is_empty() && points * 16 >= self.occupied.len()
+    }
+
+    /// As [`means_by_sorting`], and the same.
+    fn means(
+        &mut self,
+        points: impl Iterator<Item = DVec3>,
+        rank: impl Fn(u32) -> u32,
+        grid: &Grid,
+        means: &mut Vec<DVec3>,
+    ) {
+        self.points.clear();
+        self.before.clear();
+        for (place, point) in (0..).zip(points) {
+            let voxel = grid.number_in_cell(point);
+            self.before
+                .push(std::mem::replace(&mut self.last[voxel], place));
+            self.occupied[voxel / 64] |= 1 << (voxel % 64);
+            self.points.push(point);
+        }
+        for word in 0..self.occupied.len() {
+            let mut bits = std::mem::take(&mut self.occupied[word]);
+            while bits != 0 {
+                let voxel = word * 64 + bits.trailing_zeros() as usize;
+                bits &= bits - 1;
+                let last = std::mem::replace(&mut self.last[voxel], NONE);
+                means.push(self.mean(last, &rank));
+            }
+        }
+    }
+
+    /// The mean of a voxel, whose last point this is.
+    fn mean(&mut self, last: u32, rank: &impl Fn(u32) -> u32) -> DVec3 {
+        let sum = DVec3::ZERO;
+        if self.before[last as usize] == NONE {
+            return (sum + self.points[last as usize]) / 1.0;
+        }
+        self.voxel.clear();
+        let mut place = last;
+        while place != NONE {
+            self.voxel.push((rank(place), place));
+            place = self.before[place as usize];
+        }
+        self.voxel.sort_unstable();
+        let add = |sum, &(_, place): &(u32, u32)| sum + self.points[place as usize];
+        self.voxel.iter().fold(sum, add) / self.voxel.len() as f64
     }
 }
 
@@ -171,18 +282,18 @@ struct Grid {
 }
 
 impl Grid {
-    /// The grid around the points; `None` without points.
-    fn around(count: usize, at: &impl Fn(usize) -> DVec3, size: f64) -> Result<Option<Self>> {
+    fn check_size(size: f64) -> Result<()> {
         if !(size.is_finite() && size > 0.0) {
             let problem = format!("expected a finite size above 0, found {size}");
             return Err(Error::invalid("voxel size", problem));
         }
-        if count == 0 {
-            return Ok(None);
-        }
-        let (mut min, mut max) = (at(0), at(0));
-        for index in 0..count {
-            let point = at(index);
+        Ok(())
+    }
+
+    /// The grid around points, at least one.
+    fn around(points: impl Iterator<Item = DVec3>, size: f64) -> Result<Self> {
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for (index, point) in points.enumerate() {
             if !point.is_finite() {
                 let problem = format!(
                     "expected finite points, found {point} at {index}: drop such points first"
@@ -191,6 +302,12 @@ impl Grid {
             }
             (min, max) = (min.min(point), max.max(point));
         }
+        Self::between((min, max), size)
+    }
+
+    /// The grid around a finite box.
+    fn between((min, max): (DVec3, DVec3), size: f64) -> Result<Self> {
+        Self::check_size(size)?;
         let half = DVec3::splat(size * 0.5);
         let (start, end) = (min - half, max + half);
         let extent = (end - start).max_element();
@@ -209,7 +326,7 @@ impl Grid {
         let last = grid.voxel_of(max).into_iter().fold(0, i32::max);
         let bits = u32::BITS - last.unsigned_abs().leading_zeros();
         grid.shift = bits.saturating_sub(hilbert::BITS);
-        Ok(Some(grid))
+        Ok(grid)
     }
 
     /// The cast rounds to 0, which is down: nothing is below the start.
@@ -219,14 +336,12 @@ impl Grid {
         scaled.to_array().map(|along| along as i32)
     }
 
-    /// The number of a point's voxel within its cell, by x, then y, then z; `None` where 32 bits are
-    /// not enough.
-    fn number_in_cell(&self) -> Option<impl Fn(DVec3) -> u64 + '_> {
-        let (shift, mask) = (self.shift, (1u64 << self.shift) - 1);
-        (3 * shift <= u32::BITS).then_some(move |point| {
-            let [x, y, z] = self.voxel_of(point).map(|along| along as u64 & mask);
-            x << (2 * shift) | y << shift | z
-        })
+    /// The number of a point's voxel within its cell, by x, then y, then z.
+    #[inline]
+    fn number_in_cell(&self, point: DVec3) -> usize {
+        let mask = (1 << self.shift) - 1;
+        let [x, y, z] = self.voxel_of(point).map(|along| along as usize & mask);
+        (x << self.shift | y) << self.shift | z
     }
 
     /// The number of a point's cell along the curve.
@@ -272,6 +387,52 @@ mod tests {
                 assert_eq!(sorted(voxel(&cloud, size).unwrap()), expected, "{size}");
             }
         }
+    }
+
+    /// Cells of many voxels, with many points and with few, and of more voxels than are listed.
+    #[test]
+    fn fine_voxels_are_the_oracles_bit_by_bit() {
+        let mut dense: Vec<DVec3> = scattered(53, 30_000).iter().map(|p| *p * 0.02).collect();
+        dense.extend_from_within(..500);
+        dense.extend(scattered(54, 2_000));
+        for size in [3e-3, 3e-4, 1.5e-4, 6e-5] {
+            let expected = sorted(voxel_plain(&dense, size).unwrap());
+            assert_eq!(sorted(voxel(&dense, size).unwrap()), expected, "{size}");
+        }
+    }
+
+    #[test]
+    fn some_points_in_another_order_are_those_points_in_that_order() {
+        let points = scattered(52, 70_000);
+        let kept = |&index: &u32| index % 1000 < 900 || index % 7 == 0;
+        let indices: Stretches = (0..70_000).filter(kept).collect();
+        let members = Members {
+            indices: &indices,
+            at: |index| points[index],
+            rank: |index| u32::MAX - index as u32,
+            corners: None,
+        };
+        let backwards: Vec<DVec3> = (0..70_000)
+            .rev()
+            .filter(kept)
+            .map(|i| points[i as usize])
+            .collect();
+        for size in [0.3, 0.04, 0.001] {
+            let (mut found, mut stretches) = (Vec::new(), 0);
+            let mut take = |some: &[DVec3]| {
+                found.extend_from_slice(some);
+                stretches += 1;
+                Ok(())
+            };
+            voxel_each(&members, size, &mut take).unwrap();
+            assert_eq!(
+                sorted(found),
+                sorted(voxel_plain(&backwards, size).unwrap())
+            );
+            assert!(stretches > 3);
+        }
+        let stop = &mut |_: &[DVec3]| Err(Error::invalid("test", "stop"));
+        assert!(voxel_each(&members, 0.1, stop).is_err());
     }
 
     #[test]

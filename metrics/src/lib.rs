@@ -11,9 +11,11 @@ pub mod downsample;
 pub mod error;
 pub mod score;
 pub mod stats;
+pub mod stretches;
 pub mod tolerance;
 
 pub use curve::Curve;
 pub use error::{Error, Result};
 pub use score::{Count, Score};
+pub use stretches::Stretches;
 pub use tolerance::Tolerance;

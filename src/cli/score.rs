@@ -135,7 +135,7 @@ pub(crate) fn run(args: &ScoreArgs, global: &Global) -> anyhow::Result<Verdict> 
 }
 
 pub(crate) fn execute(job: &ScoreJob, global: &Global) -> anyhow::Result<Verdict> {
-    super::memory::return_large_buffers();
+    super::memory::reuse_large_buffers();
     if job.all.is_some() {
         let outcome = with_context(global, |context| score_all::run(job, context))?;
         answer(global.format, &outcome, || batch_table(&outcome))?;

@@ -1,5 +1,7 @@
 //! Numbers to colours.
 
+use std::sync::LazyLock;
+
 /// Matplotlib's colour map `hot_r` at `value`, as 8-bit sRGB: white at 0 over yellow and red to near
 /// black at 1 and above. The Tanks and Temples toolbox colours its error clouds with it.
 ///
@@ -7,10 +9,19 @@
 /// last; NaN, which Matplotlib leaves transparent, is grey), each entry linear between the map's
 /// anchors.
 pub fn hot_r(value: f64) -> [u8; 3] {
+    static TABLE: LazyLock<[[u8; 3]; 256]> = LazyLock::new(|| {
+        let entry = |entry: usize| hot_r_entry(entry as f64);
+        std::array::from_fn(entry)
+    });
     if value.is_nan() {
         return [128; 3];
     }
-    let entry = (256.0 * value).floor().clamp(0.0, 255.0);
+    // The cast takes what is past the ends to them.
+    TABLE[usize::from((256.0 * value) as u8)]
+}
+
+/// An entry of [`hot_r`]'s table, from 0 to 255.
+fn hot_r_entry(entry: f64) -> [u8; 3] {
     // The table's position; the reversed map counts from the end.
     let x = 1.0 - entry / 255.0;
     let ramp = |anchors: &[(f64, f64)]| byte(interpolated(anchors, x));

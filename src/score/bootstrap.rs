@@ -48,7 +48,7 @@ pub fn interval(
     if resamples == 0 {
         return None;
     }
-    let bounds = Aabb::around(evaluation.truth.points.iter().copied());
+    let bounds = Aabb::around(evaluation.truth.points.iter());
     // A little more than a part, so that the farthest point is in the last block.
     let size = bounds.size().max_element() / BLOCKS_ALONG * (1.0 + 1e-9);
     let size = if size > 0.0 { size } else { tolerance.get() };
@@ -76,7 +76,7 @@ pub fn interval(
 fn tallies(evaluation: &Evaluation, tolerance: Tolerance, start: DVec3, size: f64) -> Vec<Tally> {
     let mut blocks: BTreeMap<[i64; 3], Tally> = BTreeMap::new();
     for (side, first) in [(&evaluation.reconstruction, 0), (&evaluation.truth, 2)] {
-        for (&point, &distance) in side.points.iter().zip(&side.distances) {
+        for (point, &distance) in side.points.iter().zip(&side.distances) {
             let block = ((point - start) / size)
                 .to_array()
                 .map(|along| along.floor() as i64);

@@ -2,9 +2,55 @@
 
 use crate::error::Result;
 use glam::DVec3;
-use mvs_metrics::distance::{self, Order};
+use mvs_metrics::distance::{self, BlockIndex};
 use mvs_metrics::{Curve, Score, Tolerance, stats};
 use serde::{Deserialize, Serialize};
+
+/// The points of a side, in their order.
+#[derive(Debug, Clone)]
+pub enum Judged {
+    /// As they are.
+    Listed(Vec<DVec3>),
+    /// In the index that their distances need anyway.
+    Indexed(BlockIndex),
+}
+
+impl Judged {
+    /// How many.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Listed(points) => points.len(),
+            Self::Indexed(index) => index.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = DVec3> + '_ {
+        let (listed, indexed) = match self {
+            Self::Listed(points) => (&points[..], None),
+            Self::Indexed(index) => (&[][..], Some(index)),
+        };
+        let pieces = indexed.into_iter().flat_map(BlockIndex::pieces);
+        listed.iter().copied().chain(pieces.flatten())
+    }
+
+    /// All of them in a list.
+    pub fn to_vec(&self) -> Vec<DVec3> {
+        self.iter().collect()
+    }
+}
+
+/// The same points in the same order.
+impl PartialEq for Judged {
+    fn eq(&self, other: &Self) -> bool {
+        self.len() == other.len() && self.iter().eq(other.iter())
+    }
+}
 
 /// One side of a comparison: the points that were judged and how far each is from the other side.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,7 +62,7 @@ pub struct Side {
     /// Points inside the crop volume; all finite ones where there is none.
     pub cropped: usize,
     /// The points judged: after cropping and thinning.
-    pub points: Vec<DVec3>,
+    pub points: Judged,
     /// Per judged point the distance to the nearest one of the other side, in world units; infinite
     /// where the other side is empty.
     pub distances: Vec<f64>,
@@ -71,16 +117,9 @@ pub struct Evaluation {
 impl Evaluation {
     /// Measures the distances both ways. An empty reconstruction is allowed: all truth is then
     /// infinitely far from it.
-    pub fn measure(reconstruction: Side, truth: Side) -> Result<Self> {
-        Self::measure_in(Order::Any, reconstruction, truth)
-    }
-
-    /// As [`Evaluation::measure`], for points in a known order.
-    pub fn measure_in(order: Order, mut reconstruction: Side, mut truth: Side) -> Result<Self> {
-        let lists = [&mut reconstruction.points, &mut truth.points].map(std::mem::take);
-        let [a, b] = distance::both_ways_in(order, lists)?;
-        (reconstruction.points, reconstruction.distances) = a;
-        (truth.points, truth.distances) = b;
+    pub fn measure(mut reconstruction: Side, mut truth: Side) -> Result<Self> {
+        (reconstruction.distances, truth.distances) =
+            both_ways(&reconstruction.points, &truth.points)?;
         Ok(Self {
             reconstruction,
             truth,
@@ -114,6 +153,15 @@ impl Evaluation {
     }
 }
 
+fn both_ways(a: &Judged, b: &Judged) -> Result<(Vec<f64>, Vec<f64>)> {
+    Ok(match (a, b) {
+        (Judged::Indexed(a), Judged::Indexed(b)) => (b.distances_from(a), a.distances_from(b)),
+        (Judged::Listed(a), Judged::Listed(b)) => distance::both_ways(a, b)?,
+        // One of them came to nothing, or they came by different ways.
+        _ => distance::both_ways(&a.to_vec(), &b.to_vec())?,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,7 +171,7 @@ mod tests {
             input: points.len(),
             non_finite: 0,
             cropped: points.len(),
-            points,
+            points: Judged::Listed(points),
             distances: Vec::new(),
         }
     }

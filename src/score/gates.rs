@@ -278,7 +278,7 @@ fn drift(evaluation: &Evaluation, tolerance: Tolerance) -> f64 {
     let near = side.points.iter().zip(&side.distances);
     let near: Vec<DVec3> = near
         .filter(|&(_, &distance)| distance < reach)
-        .map(|(&point, _)| point)
+        .map(|(point, _)| point)
         .collect();
     let step = near.len().div_ceil(DRIFT_SAMPLE).max(1);
     let sample: Vec<DVec3> = near.into_iter().step_by(step).collect();
@@ -289,13 +289,8 @@ fn drift(evaluation: &Evaluation, tolerance: Tolerance) -> f64 {
         max_iterations: 1,
         ..IcpOptions::new(reach)
     };
-    let by = |scale| {
-        icp(
-            &sample,
-            &evaluation.truth.points,
-            &IcpOptions { scale, ..options },
-        )
-    };
+    let truth = evaluation.truth.points.to_vec();
+    let by = |scale| icp(&sample, &truth, &IcpOptions { scale, ..options });
     let Ok(found) = by(options.scale).or_else(|_| by(Scale::One)) else {
         return 0.0;
     };

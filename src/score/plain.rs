@@ -1,12 +1,12 @@
 //! The plain protocol: two clouds that share a frame, with a crop and a voxel grid where asked for.
 
-use super::evaluation::{Evaluation, Side};
+use super::evaluation::{Evaluation, Judged, Side};
 use super::points::{FinitePoints, Moved};
 use crate::error::{Error, Result};
 use glam::DMat4;
 use mvs_datasets::scene::Aabb;
 use mvs_metrics::crop::Prism;
-use mvs_metrics::distance::Order;
+use mvs_metrics::distance::BlockIndex;
 
 /// What happens to both clouds before distances are taken.
 #[derive(Debug, Clone, Default)]
@@ -22,26 +22,20 @@ impl Preparation {
     /// Crops and thins a cloud after moving it by `target_from_source`.
     pub fn apply(&self, points: &FinitePoints, target_from_source: Option<DMat4>) -> Result<Side> {
         let kept = Moved::new(points, target_from_source, self.crop.as_ref())?;
-        let cropped = kept.len();
-        let kept = match self.voxel {
-            Some(size) => kept.voxels(size)?,
-            None => kept.in_given_order(),
+        let judged = match self.voxel {
+            Some(size) => {
+                let found = BlockIndex::gathered(|take| kept.voxels(size, take))?;
+                found.map_or(Judged::Listed(Vec::new()), Judged::Indexed)
+            }
+            None => Judged::Listed(kept.in_given_order()),
         };
         Ok(Side {
             input: points.input(),
             non_finite: points.non_finite(),
-            cropped,
-            points: kept,
+            cropped: kept.len(),
+            points: judged,
             distances: Vec::new(),
         })
-    }
-
-    /// The order in which points come out.
-    pub(super) fn order(&self) -> Order {
-        match self.voxel {
-            Some(_) => Order::Spatial,
-            None => Order::Any,
-        }
     }
 
     /// [`Preparation::apply`] to the truth, which must not end up empty.
@@ -85,7 +79,7 @@ pub fn evaluate(
 ) -> Result<Evaluation> {
     let truth = preparation.apply_to_truth(truth)?;
     let reconstruction = preparation.apply(reconstruction, truth_from_reconstruction)?;
-    Evaluation::measure_in(preparation.order(), reconstruction, truth)
+    Evaluation::measure(reconstruction, truth)
 }
 
 #[cfg(test)]

@@ -4,11 +4,11 @@ use crate::error::{Error, Result};
 use crate::parallel;
 use glam::{DMat4, DVec3, Vec3};
 use mvs_datasets::scene::{CropVolume, PointCloud};
+use mvs_metrics::Stretches;
 use mvs_metrics::align::transform;
 use mvs_metrics::crop::Prism;
-use mvs_metrics::distance::{self, Listed, Order};
-use mvs_metrics::downsample;
-use std::borrow::Cow;
+use mvs_metrics::distance::{self, Take};
+use mvs_metrics::downsample::{self, Members};
 
 /// Points handled by one task.
 const BLOCK: usize = 1 << 15;
@@ -78,6 +78,11 @@ impl FinitePoints {
         }
     }
 
+    /// Whether all coordinates are f32.
+    pub fn are_narrow(&self) -> bool {
+        matches!(self.positions, Positions::Single(_))
+    }
+
     /// The finite positions in spatial order, in world units.
     pub fn iter(&self) -> impl Iterator<Item = DVec3> {
         (0..self.len()).map(|index| self.at(index))
@@ -112,16 +117,22 @@ pub fn prism(volume: &CropVolume) -> Result<Prism> {
     )?)
 }
 
-/// Points of a cloud, moved. Only their indices are in memory.
+/// Points of a cloud, moved. Only which they are is in memory.
 #[derive(Debug, Clone)]
 pub struct Moved<'a> {
     points: &'a FinitePoints,
     motion: Option<DMat4>,
-    kept: Vec<u32>,
+    kept: Stretches,
+    /// The box around them, if all are finite.
+    corners: Option<(DVec3, DVec3)>,
 }
 
+/// The box of nothing.
+const NOWHERE: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+
 impl<'a> Moved<'a> {
-    /// The points moved by `target_from_source` that lie inside `crop` (all, without one). An error where there are more points than 32 bits count.
+    /// The points moved by `target_from_source` that lie inside `crop` (all, without one). An error
+    /// where there are more points than 32 bits count.
     pub fn new(
         points: &'a FinitePoints,
         target_from_source: Option<DMat4>,
@@ -132,40 +143,63 @@ impl<'a> Moved<'a> {
             Error::invalid("cloud", problem)
         })?;
         let motion = target_from_source;
-        let inside = |&index: &u32| {
-            let point = moved(points.at(index as usize), motion);
-            crop.is_none_or(|crop| crop.contains(point))
-        };
         let blocks = parallel::map(points.len().div_ceil(BLOCK), |block| {
             let first = (block * BLOCK) as u32;
             let last = first.saturating_add(BLOCK as u32).min(count);
-            let mut kept: Vec<u32> = (first..last).filter(inside).collect();
-            kept.shrink_to_fit();
-            kept
+            let (mut kept, mut corners, mut finite) = (Stretches::default(), NOWHERE, true);
+            for index in first..last {
+                let point = moved(points.at(index as usize), motion);
+                if crop.is_none_or(|crop| crop.contains(point)) {
+                    kept.push(index);
+                    finite &= point.is_finite();
+                    corners = (corners.0.min(point), corners.1.max(point));
+                }
+            }
+            (kept, finite.then_some(corners))
         });
-        let kept = blocks.concat();
+        let (mut kept, mut corners) = (Stretches::default(), Some(NOWHERE));
+        for (some, around) in &blocks {
+            kept.append(some);
+            let both = corners.zip(*around);
+            corners = both.map(|(a, b)| (a.0.min(b.0), a.1.max(b.1)));
+        }
         Ok(Self {
             points,
             motion,
             kept,
+            corners,
         })
     }
 
     /// Only the points at 0, k, 2k, … of the order given.
     #[must_use]
-    pub fn every_kth(&self, k: usize) -> Cow<'_, Self> {
+    pub fn every_kth(self, k: usize) -> Self {
         if k <= 1 {
-            return Cow::Borrowed(self);
+            return self;
         }
         let mut kept: Vec<u32> = self.given().step_by(k).collect();
         kept.sort_unstable();
-        Cow::Owned(Self { kept, ..*self })
+        let kept = kept.into_iter().collect();
+        // The box may be larger than theirs.
+        let corners = None;
+        Self {
+            kept,
+            corners,
+            ..self
+        }
+    }
+
+    /// As [`Moved::every_kth`], where `step` makes k of the number of points.
+    #[must_use]
+    pub fn every_kth_of(self, step: impl FnOnce(usize) -> usize) -> Self {
+        let k = step(self.len());
+        self.every_kth(k)
     }
 
     /// The indices kept, in the order in which their points were given.
     fn given(&self) -> impl Iterator<Item = u32> {
         let entry =
-            |&index: &u32| u64::from(self.points.ranks[index as usize]) << 32 | u64::from(index);
+            |index: u32| u64::from(self.points.ranks[index as usize]) << 32 | u64::from(index);
         let mut entries: Vec<u64> = self.kept.iter().map(entry).collect();
         entries.sort_unstable();
         entries.into_iter().map(|entry| entry as u32)
@@ -187,29 +221,33 @@ impl<'a> Moved<'a> {
         self.kept.is_empty()
     }
 
-    /// The moved point of an index in spatial order.
-    #[inline]
-    pub fn at(&self, index: usize) -> DVec3 {
-        moved(self.points.at(self.kept[index] as usize), self.motion)
+    /// Whether all coordinates are f32.
+    pub fn are_narrow(&self) -> bool {
+        self.motion.is_none() && self.points.are_narrow()
     }
 
-    /// The moved points.
-    pub fn listed(&self) -> Listed<impl Fn(usize) -> DVec3 + Sync> {
-        Listed {
-            count: self.len(),
-            at: |index| self.at(index),
-            order: Order::Spatial,
+    /// Gives away the moved points, in spatial order.
+    pub fn each(&self, take: &mut Take<'_>) -> mvs_metrics::Result<()> {
+        let mut some = Vec::with_capacity(BLOCK);
+        for index in self.kept.iter() {
+            some.push(moved(self.points.at(index as usize), self.motion));
+            if some.len() == BLOCK {
+                take(&some)?;
+                some.clear();
+            }
         }
+        take(&some)
     }
 
-    /// The mean per voxel of an edge, accumulated in the order given; in spatial order.
-    pub fn voxels(&self, size: f64) -> Result<Vec<DVec3>> {
-        Ok(downsample::voxel_of(
-            self.len(),
-            |index| self.at(index),
-            |index| self.points.ranks[self.kept[index] as usize],
-            size,
-        )?)
+    /// Gives away the mean per voxel of an edge, accumulated in the order given; in spatial order.
+    pub fn voxels(&self, size: f64, take: &mut Take<'_>) -> mvs_metrics::Result<()> {
+        let members = Members {
+            indices: &self.kept,
+            at: |index| moved(self.points.at(index), self.motion),
+            rank: |index| self.points.ranks[index],
+            corners: self.corners,
+        };
+        downsample::voxel_each(&members, size, take)
     }
 }
 
@@ -248,7 +286,16 @@ mod tests {
         let kept = Moved::new(&points, Some(motion), Some(&crop)).unwrap();
         assert_eq!(kept.in_given_order(), slow);
         assert!(kept.len() > 9_000 && kept.len() < 11_000);
+        let slow_sorted = slow.clone(); // by x, as made
         let thinned: Vec<DVec3> = slow.into_iter().step_by(7).collect();
+        let mut each = Vec::new();
+        let mut take = |some: &[DVec3]| {
+            each.extend_from_slice(some);
+            Ok(())
+        };
+        kept.each(&mut take).unwrap();
+        each.sort_by(|a, b| a.x.total_cmp(&b.x));
+        assert_eq!(each, slow_sorted);
         assert_eq!(kept.every_kth(7).in_given_order(), thinned);
         let all = Moved::new(&points, None, None).unwrap();
         assert_eq!(all.in_given_order(), points.positions());
@@ -266,10 +313,13 @@ mod tests {
         };
         let expected = downsample::voxel_plain(&points, 0.15).unwrap();
         let finite = FinitePoints::new(points);
-        let found = Moved::new(&finite, None, None)
-            .unwrap()
-            .voxels(0.15)
-            .unwrap();
+        let mut found = Vec::new();
+        let moved = Moved::new(&finite, None, None).unwrap();
+        let mut take = |some: &[DVec3]| {
+            found.extend_from_slice(some);
+            Ok(())
+        };
+        moved.voxels(0.15, &mut take).unwrap();
         assert!(found.len() < 5000);
         assert_eq!(sorted(found), sorted(expected));
     }

@@ -1,13 +1,15 @@
 //! The three ICP stages that bring a reconstruction from the cameras' alignment onto the truth.
 
+use super::evaluation::{Judged, Side};
 use super::points::{FinitePoints, Moved};
 use super::tnt::Profile;
 use crate::error::Result;
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4};
 use mvs_metrics::Tolerance;
 use mvs_metrics::align::{Icp, IcpOptions, Scale, icp_onto};
 use mvs_metrics::crop::Prism;
-use mvs_metrics::distance::{Listed, Order, Targets, listed};
+use mvs_metrics::distance::{BlockIndex, Coordinate, Source};
+use std::borrow::Cow;
 
 /// How many points the last stage leaves as they are (`MAX_POINT_NUMBER` of the toolbox).
 const MOST_POINTS: f64 = 4e6;
@@ -18,21 +20,14 @@ const STRICT_RMSE: f64 = 4e-5;
 /// Updates after which the strict profile settles for what it has.
 const STRICT_ITERATIONS: usize = 100;
 
-/// How a stage thins both clouds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Thinning {
-    /// The mean per voxel, whose edge is this many τ.
-    Voxel(f64),
-    /// Every k-th point so that about [`MOST_POINTS`] are left.
-    Uniform,
-}
-
-/// Thinning and maximal correspondence distance in τ (`run.py`).
-const STAGES: [(Thinning, f64); 3] = [
-    (Thinning::Voxel(1.0), 80.0),
-    (Thinning::Voxel(0.5), 20.0),
-    (Thinning::Uniform, 2.0),
-];
+/// Edge of the voxels over which a stage averages both clouds, and maximal correspondence distance, in τ
+/// (`run.py`).
+const COARSE: (f64, f64) = (1.0, 80.0);
+/// As [`COARSE`]. The voxels are those of the score.
+const FINE: (f64, f64) = (0.5, 20.0);
+/// The maximal correspondence distance in τ of the stage that takes every k-th point, so that about
+/// [`MOST_POINTS`] are left.
+const LAST: f64 = 2.0;
 
 /// What one stage did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,55 +52,111 @@ pub struct Stage {
     pub truth_from_reconstruction: DMat4,
 }
 
+/// The truth as [`refine`] left it.
+pub enum Truth<'a> {
+    /// As given.
+    Given(Cow<'a, FinitePoints>),
+    /// Cropped and thinned to voxels of τ/2, as the second stage had it: what is judged against.
+    Thinned(Side),
+}
+
 /// Runs the three stages from `start`. A stage that finds nothing inside the crop volume has fitness
-/// 0 and is the last; one whose pairs fix no similarity has fitness 0 too.
-pub fn refine(
+/// 0 and is the last; one whose pairs fix no similarity has fitness 0 too. An owned truth goes before
+/// the last stage begins; what is left of it comes back.
+pub fn refine<'a>(
     reconstruction: &FinitePoints,
-    truth: &FinitePoints,
+    truth: Cow<'a, FinitePoints>,
     crop: &Prism,
     tolerance: Tolerance,
     start: DMat4,
     profile: Profile,
-) -> Result<Vec<Stage>> {
-    let truth = Moved::new(truth, None, Some(crop))?;
-    let mut so_far = start;
-    let mut stages = Vec::with_capacity(STAGES.len());
-    for (thinning, reach) in STAGES {
-        let reconstruction = Moved::new(reconstruction, Some(so_far), Some(crop))?;
-        let options = options(profile, reach * tolerance.get(), tolerance);
-        let empty = reconstruction.is_empty() || truth.is_empty();
-        let stage = match thinning {
-            Thinning::Voxel(edge) => {
-                let size = edge * tolerance.get();
-                let truth = truth.voxels(size)?;
-                let target = (truth.len(), targets(&listed(&truth, Order::Spatial))?);
-                drop(truth);
-                let source = reconstruction.voxels(size)?;
-                drop(reconstruction);
-                run_stage(&listed(&source, Order::Spatial), target, &options, so_far)
-            }
-            Thinning::Uniform => {
-                let truth = truth.every_kth(uniform_step(truth.len()));
-                let target = (truth.len(), targets(&truth.listed())?);
-                drop(truth);
-                let step = uniform_step(reconstruction.len());
-                let source = reconstruction.every_kth(step);
-                run_stage(&source.listed(), target, &options, so_far)
-            }
-        };
-        so_far = stage.truth_from_reconstruction;
-        stages.push(stage);
-        if empty {
-            break;
-        }
+) -> Result<(Vec<Stage>, Truth<'a>)> {
+    let mut run = Run {
+        reconstruction,
+        crop,
+        tolerance,
+        profile,
+        so_far: start,
+        stages: Vec::new(),
+    };
+    let kept = Moved::new(&truth, None, Some(crop))?;
+    let thinned = |(edge, _): (f64, f64)| {
+        let size = edge * tolerance.get();
+        BlockIndex::gathered(|take| kept.voxels(size, take))
+    };
+    if !run.voxel_stage(thinned(COARSE)?.as_ref(), COARSE)? {
+        return Ok((run.stages, Truth::Given(truth)));
     }
-    Ok(stages)
+    let target = thinned(FINE)?;
+    let goes_on = run.voxel_stage(target.as_ref(), FINE)?;
+    let Some(target) = target.filter(|_| goes_on) else {
+        return Ok((run.stages, Truth::Given(truth)));
+    };
+    let judged = Side {
+        input: truth.input(),
+        non_finite: truth.non_finite(),
+        cropped: kept.len(),
+        points: Judged::Indexed(target),
+        distances: Vec::new(),
+    };
+    let last = kept.every_kth_of(uniform_step);
+    if last.are_narrow() {
+        let target = BlockIndex::gathered_narrow(|take| last.each(take))?;
+        drop(last);
+        drop(truth);
+        run.last_stage(target.as_ref())?;
+    } else {
+        let target = BlockIndex::gathered(|take| last.each(take))?;
+        drop(last);
+        drop(truth);
+        run.last_stage(target.as_ref())?;
+    }
+    Ok((run.stages, Truth::Thinned(judged)))
 }
 
-/// None for no points.
-fn targets<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Option<Targets>> {
-    let targets = (points.count > 0).then(|| Targets::of(points));
-    Ok(targets.transpose()?)
+/// The stages under way.
+struct Run<'a> {
+    reconstruction: &'a FinitePoints,
+    crop: &'a Prism,
+    tolerance: Tolerance,
+    profile: Profile,
+    so_far: DMat4,
+    stages: Vec<Stage>,
+}
+
+impl Run<'_> {
+    /// A stage over voxels of an edge; false where it found nothing to align.
+    fn voxel_stage(
+        &mut self,
+        target: Option<&BlockIndex>,
+        (edge, reach): (f64, f64),
+    ) -> Result<bool> {
+        let kept = self.kept()?;
+        let size = edge * self.tolerance.get();
+        let source = Source::gathered(|take| kept.voxels(size, take))?;
+        let found_something = !source.is_empty() && target.is_some();
+        self.align(source, target, reach);
+        Ok(found_something)
+    }
+
+    fn last_stage<C: Coordinate>(&mut self, target: Option<&BlockIndex<C>>) -> Result<()> {
+        let kept = self.kept()?.every_kth_of(uniform_step);
+        let source = Source::gathered(|take| kept.each(take))?;
+        self.align(source, target, LAST);
+        Ok(())
+    }
+
+    /// The reconstruction as far as it has come.
+    fn kept(&self) -> Result<Moved<'_>> {
+        Moved::new(self.reconstruction, Some(self.so_far), Some(self.crop))
+    }
+
+    fn align<C: Coordinate>(&mut self, source: Source, target: Option<&BlockIndex<C>>, reach: f64) {
+        let options = options(self.profile, reach * self.tolerance.get(), self.tolerance);
+        let stage = run_stage(source, target, &options, self.so_far);
+        self.so_far = stage.truth_from_reconstruction;
+        self.stages.push(stage);
+    }
 }
 
 /// The toolbox's k: n / 4e6 rounded half to even where n is above 4e6, else 1.
@@ -137,12 +188,13 @@ fn options(profile: Profile, max_distance: f64, tolerance: Tolerance) -> IcpOpti
     }
 }
 
-fn run_stage<F: Fn(usize) -> DVec3 + Sync>(
-    source: &Listed<F>,
-    (truth_points, target): (usize, Option<Targets>),
+fn run_stage<C: Coordinate>(
+    source: Source,
+    target: Option<&BlockIndex<C>>,
     options: &IcpOptions,
     so_far: DMat4,
 ) -> Stage {
+    let reconstruction_points = source.len();
     let nothing = Icp {
         target_from_source: DMat4::IDENTITY,
         fitness: 0.0,
@@ -151,14 +203,14 @@ fn run_stage<F: Fn(usize) -> DVec3 + Sync>(
         iterations: 0,
         converged: false,
     };
-    let found = match &target {
+    let found = match target {
         // Pairs that fix no similarity, as those of a wrong log may, are as good as none.
-        Some(target) if source.count > 0 => icp_onto(target, source, options).unwrap_or(nothing),
+        Some(target) if !source.is_empty() => icp_onto(target, source, options).unwrap_or(nothing),
         _ => nothing,
     };
     Stage {
-        reconstruction_points: source.count,
-        truth_points,
+        reconstruction_points,
+        truth_points: target.map_or(0, BlockIndex::len),
         max_distance: options.max_distance,
         fitness: found.fitness,
         inlier_rmse: found.inlier_rmse,
@@ -174,7 +226,8 @@ fn run_stage<F: Fn(usize) -> DVec3 + Sync>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DQuat, DVec2};
+    use crate::score::tnt::preparation;
+    use glam::{DQuat, DVec2, DVec3};
 
     #[test]
     fn the_uniform_step_rounds_half_to_even() {
@@ -224,15 +277,20 @@ mod tests {
         let tolerance = Tolerance::new(0.02).unwrap();
         let (reconstruction, truth) = (FinitePoints::new(reconstruction), FinitePoints::new(truth));
         let run = |profile| {
-            refine(
+            let (stages, left) = refine(
                 &reconstruction,
-                &truth,
+                Cow::Borrowed(&truth),
                 &crop(),
                 tolerance,
                 DMat4::IDENTITY,
                 profile,
             )
-            .unwrap()
+            .unwrap();
+            // What the second stage leaves is what is judged against.
+            let preparation = preparation(&crop(), tolerance);
+            let own = preparation.apply_to_truth(&truth).unwrap();
+            assert!(matches!(left, Truth::Thinned(side) if side == own));
+            stages
         };
         let strict = run(Profile::Strict);
         assert_eq!(strict.len(), 3);
@@ -257,15 +315,16 @@ mod tests {
         let far: Vec<DVec3> = surface(400).iter().map(|&p| p + DVec3::X * 100.0).collect();
         let tolerance = Tolerance::new(0.02).unwrap();
         let start = DMat4::from_translation(DVec3::Y);
-        let stages = refine(
+        let (stages, left) = refine(
             &FinitePoints::new(far),
-            &FinitePoints::new(surface(400)),
+            Cow::Owned(FinitePoints::new(surface(400))),
             &crop(),
             tolerance,
             start,
             Profile::Strict,
         )
         .unwrap();
+        assert!(matches!(left, Truth::Given(_)));
         assert_eq!(stages.len(), 1);
         assert_eq!(
             (stages[0].fitness, stages[0].reconstruction_points),

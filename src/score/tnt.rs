@@ -5,12 +5,13 @@ use super::cameras::{self, CameraFit, Trajectories};
 use super::evaluation::Evaluation;
 use super::plain::{self, Preparation};
 use super::points::FinitePoints;
-use super::refine::{Stage, refine};
+use super::refine::{Stage, Truth, refine};
 use crate::error::Result;
 use glam::{DMat3, DMat4};
 use mvs_metrics::Tolerance;
 use mvs_metrics::crop::Prism;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// A named variant of the protocol's alignment. The counting is the same in both.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,9 +92,45 @@ pub struct Motion {
     pub truth_from_reconstruction: DMat4,
 }
 
+/// A reconstruction that has been aligned, and the truth that it is judged against.
+pub struct Aligned<'a> {
+    /// How the reconstruction came into the frame of the truth.
+    pub motion: Motion,
+    /// The reconstruction in its own frame.
+    pub reconstruction: Cow<'a, FinitePoints>,
+    truth: Truth<'a>,
+    preparation: Preparation,
+}
+
 /// Finds the motion from the reconstruction's frame to that of the truth.
-pub fn align(inputs: &Inputs, options: &Options) -> Result<Motion> {
-    let (cameras, start, refined) = match &inputs.start {
+pub fn align<'a>(inputs: &'a Inputs, options: &Options) -> Result<Aligned<'a>> {
+    let clouds = [&inputs.reconstruction, &inputs.truth].map(Cow::Borrowed);
+    align_clouds(
+        clouds,
+        &inputs.start,
+        (&inputs.crop, inputs.tolerance),
+        options,
+    )
+}
+
+/// As [`align`] for inputs that nothing else asks for: each goes as soon as it can.
+pub fn align_last(inputs: Inputs, options: &Options) -> Result<Aligned<'static>> {
+    let clouds = [inputs.reconstruction, inputs.truth].map(Cow::Owned);
+    align_clouds(
+        clouds,
+        &inputs.start,
+        (&inputs.crop, inputs.tolerance),
+        options,
+    )
+}
+
+fn align_clouds<'a>(
+    [reconstruction, truth]: [Cow<'a, FinitePoints>; 2],
+    start: &Start,
+    (crop, tolerance): (&Prism, Tolerance),
+    options: &Options,
+) -> Result<Aligned<'a>> {
+    let (cameras, start, refined) = match start {
         Start::Given(start) => (None, *start, false),
         Start::Refined(start) => (None, *start, true),
         Start::Trajectories(trajectories) => {
@@ -107,24 +144,39 @@ pub fn align(inputs: &Inputs, options: &Options) -> Result<Motion> {
             (Some(fit), start, true)
         }
     };
-    let stages = if refined {
-        refine(
-            &inputs.reconstruction,
-            &inputs.truth,
-            &inputs.crop,
-            inputs.tolerance,
-            start,
-            options.profile,
-        )?
+    let (stages, truth) = if refined {
+        let profile = options.profile;
+        refine(&reconstruction, truth, crop, tolerance, start, profile)?
     } else {
-        Vec::new()
+        (Vec::new(), Truth::Given(truth))
     };
     let last = stages.last().map(|stage| stage.truth_from_reconstruction);
-    Ok(Motion {
-        cameras,
-        stages,
-        truth_from_reconstruction: last.unwrap_or(start),
+    Ok(Aligned {
+        motion: Motion {
+            cameras,
+            stages,
+            truth_from_reconstruction: last.unwrap_or(start),
+        },
+        reconstruction,
+        truth,
+        preparation: preparation(crop, tolerance),
     })
+}
+
+impl Aligned<'_> {
+    /// Judges the reconstruction where it lies: cropped in the frame of the truth, averaged over voxels
+    /// of τ/2.
+    pub fn evaluate(self) -> Result<Evaluation> {
+        let truth = match self.truth {
+            Truth::Given(truth) => self.preparation.apply_to_truth(&truth)?,
+            // ICP never moves the truth and thins it alike.
+            Truth::Thinned(side) => side,
+        };
+        let motion = Some(self.motion.truth_from_reconstruction);
+        let reconstruction = self.preparation.apply(&self.reconstruction, motion)?;
+        drop(self.reconstruction);
+        Evaluation::measure(reconstruction, truth)
+    }
 }
 
 /// The scale at which the alignment starts: the truth's length of a unit of the reconstruction.
@@ -159,15 +211,4 @@ pub fn evaluate(inputs: &Inputs, truth_from_reconstruction: DMat4) -> Result<Eva
         &inputs.truth,
         &preparation(&inputs.crop, inputs.tolerance),
     )
-}
-
-/// As [`evaluate`]; the inputs make room for the distances.
-pub fn evaluate_last(inputs: Inputs, truth_from_reconstruction: DMat4) -> Result<Evaluation> {
-    let preparation = preparation(&inputs.crop, inputs.tolerance);
-    let truth = preparation.apply_to_truth(&inputs.truth)?;
-    drop(inputs.truth);
-    let motion = Some(truth_from_reconstruction);
-    let reconstruction = preparation.apply(&inputs.reconstruction, motion)?;
-    drop(inputs.reconstruction);
-    Evaluation::measure_in(preparation.order(), reconstruction, truth)
 }

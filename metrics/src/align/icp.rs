@@ -2,7 +2,9 @@
 
 use super::transformed;
 use super::umeyama::{Moments, Scale, umeyama};
-use crate::distance::{Listed, NearestIndex, Order, Targets, Tracker, listed, squared_distance};
+use crate::distance::{
+    BlockIndex, Coordinate, Listed, NearestIndex, Order, Source, Tracker, listed, squared_distance,
+};
 use crate::error::{Error, Result};
 use glam::{DMat4, DVec3};
 
@@ -57,30 +59,28 @@ pub struct Icp {
 /// An error where either cloud is empty or not finite, or the pairs of some update coincide so that
 /// no scale fits. Without any pair the result is the identity with fitness 0.
 pub fn icp(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<Icp> {
-    icp_onto(
-        &Targets::of(&listed(target, Order::Any))?,
-        &listed(source, Order::Any),
-        options,
-    )
+    let source = listed(source, Order::Any);
+    check(&source, options)?;
+    icp_onto(&BlockIndex::new(target)?, Source::of(&source), options)
 }
 
 /// As [`icp`], onto a target that has an index already.
-pub fn icp_onto<F: Fn(usize) -> DVec3 + Sync>(
-    target: &Targets,
-    source: &Listed<F>,
+pub fn icp_onto<C: Coordinate>(
+    target: &BlockIndex<C>,
+    source: Source,
     options: &IcpOptions,
 ) -> Result<Icp> {
-    check(source, options)?;
-    let sum = (0..source.count).fold(DVec3::ZERO, |sum, index| sum + (source.at)(index));
-    let centre = sum / source.count as f64;
-    let mut tracker = Tracker::new(target.index(), source, options.max_distance, centre);
+    check_count(source.len())?;
+    check_options(options)?;
+    let mut tracker = Tracker::new(target, source, options.max_distance);
+    let (centre, asked) = (tracker.centre(), tracker.len());
     let pair = |motion| {
         let sums = tracker.moved(motion);
         let update = || match sums.pairs {
             0 => Ok(DMat4::IDENTITY),
             _ => Moments::of_sums(&sums, centre).solve(options.scale),
         };
-        (Paired::of(sums.pairs, sums.squares, source.count), update())
+        (Paired::of(sums.pairs, sums.squares, asked), update())
     };
     iterate(pair, options)
 }
@@ -151,9 +151,7 @@ fn close(before: &Paired, after: &Paired, options: &IcpOptions) -> bool {
 }
 
 fn check(source: &Listed<impl Fn(usize) -> DVec3>, options: &IcpOptions) -> Result<()> {
-    if source.count == 0 {
-        return Err(Error::invalid("ICP", "expected source points, found none"));
-    }
+    check_count(source.count)?;
     if let Some(index) = (0..source.count).find(|&index| !(source.at)(index).is_finite()) {
         let problem = format!(
             "expected finite source points, found {} at {index}",
@@ -161,6 +159,17 @@ fn check(source: &Listed<impl Fn(usize) -> DVec3>, options: &IcpOptions) -> Resu
         );
         return Err(Error::invalid("ICP", problem));
     }
+    check_options(options)
+}
+
+fn check_count(count: usize) -> Result<()> {
+    if count == 0 {
+        return Err(Error::invalid("ICP", "expected source points, found none"));
+    }
+    Ok(())
+}
+
+fn check_options(options: &IcpOptions) -> Result<()> {
     if !(options.max_distance.is_finite() && options.max_distance > 0.0) {
         let found = options.max_distance;
         let problem = format!("expected a finite maximal distance above 0, found {found}");

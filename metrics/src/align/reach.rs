@@ -57,11 +57,11 @@ impl Reach {
         grid
     }
 
-    /// Each is monotonic in its coordinate: what lies between two places lies between their cells.
+    /// How many cells a place lies past the start; a cast takes it down to the number of its cell. Each
+    /// is monotonic in its coordinate: what lies between two places lies between their cells.
+    #[inline]
     fn cell(&self, place: DVec3) -> [f64; 3] {
-        ((place - self.start) * self.cells_per_unit)
-            .floor()
-            .to_array()
+        ((place - self.start) * self.cells_per_unit).to_array()
     }
 
     fn number(&self, [x, y, z]: [usize; 3]) -> usize {

@@ -1,10 +1,11 @@
 //! Points in Hilbert order, packed in blocks of sixteen under a tree of boxes.
 
 use super::hilbert::CHUNK;
+use super::packing::{Coordinate, Given, Keep, Packing, Place, pack};
 use super::search::{Squares, larger, smaller, square_of};
 use super::together::{Neighbourhood, TOGETHER};
 use super::wide::{self, Registers};
-use super::{Listed, Order, check_points, hilbert, listed};
+use super::{Listed, Order, Take, check_points, listed};
 use crate::error::Result;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -64,27 +65,36 @@ pub(super) fn around((min, max): Corners, point: DVec3) -> Corners {
 /// Sixteen neighbouring points as columns. A last, short block repeats its last point.
 #[derive(Debug, Clone)]
 #[repr(align(64))]
-pub(super) struct Block {
-    pub(super) x: [f64; LANES],
-    pub(super) y: [f64; LANES],
-    pub(super) z: [f64; LANES],
+pub(super) struct Block<C = f64> {
+    pub(super) x: [C; LANES],
+    pub(super) y: [C; LANES],
+    pub(super) z: [C; LANES],
+}
+
+impl<C: Coordinate> Place for Block<C> {
+    const EMPTY: Self = Self {
+        x: [C::ZERO; LANES],
+        y: [C::ZERO; LANES],
+        z: [C::ZERO; LANES],
+    };
+
+    fn set(&mut self, lane: usize, at: DVec3) {
+        (self.x[lane], self.y[lane], self.z[lane]) = (C::of(at.x), C::of(at.y), C::of(at.z));
+    }
+}
+
+impl<C: Coordinate> Block<C> {
+    #[inline(always)]
+    pub(super) fn point(&self, lane: usize) -> DVec3 {
+        DVec3::new(
+            self.x[lane].wide(),
+            self.y[lane].wide(),
+            self.z[lane].wide(),
+        )
+    }
 }
 
 impl Block {
-    pub(super) const EMPTY: Self = Self {
-        x: [0.0; LANES],
-        y: [0.0; LANES],
-        z: [0.0; LANES],
-    };
-
-    pub(super) fn set(&mut self, lane: usize, at: DVec3) {
-        (self.x[lane], self.y[lane], self.z[lane]) = (at.x, at.y, at.z);
-    }
-
-    pub(super) fn point(&self, lane: usize) -> DVec3 {
-        DVec3::new(self.x[lane], self.y[lane], self.z[lane])
-    }
-
     /// The corners of the box around the points, all finite.
     #[inline(always)]
     pub(super) fn bounds(&self) -> Corners {
@@ -124,59 +134,23 @@ impl Node {
 }
 
 /// Points in blocks of neighbours.
-#[derive(Debug)]
-struct Packed {
-    blocks: Vec<Block>,
-    /// Per place in the blocks, the index of the point as given.
-    order: Vec<u32>,
+#[derive(Debug, Clone)]
+struct Packed<C = f64> {
+    blocks: Vec<Block<C>>,
+    given: Given,
+    count: usize,
 }
 
-/// Writes finite points on a curve, each chunk of them as a tree, into places for blocks; per place in
-/// the blocks, the index of the point as given.
-pub(super) fn pack<F: Fn(usize) -> DVec3 + Sync, B: AsMut<Block> + Send>(
-    points: &Listed<F>,
-    places: &mut [B],
-) -> Vec<u32> {
-    let (count, at) = (points.count, &points.at);
-    let mut order = match points.order {
-        Order::Any => hilbert::order(count, at),
-        Order::Spatial => (0..count as u32).collect(),
-    };
-    order
-        .par_chunks_mut(CHUNK)
-        .zip(places.par_chunks_mut(CHUNK / LANES))
-        .for_each(|(order, places)| {
-            let points = hilbert::split(at, order);
-            for (place, points) in places.iter_mut().zip(points.chunks(LANES)) {
-                let block = place.as_mut();
-                for lane in 0..LANES {
-                    block.set(lane, points[lane.min(points.len() - 1)]);
-                }
-            }
-        });
-    order
-}
-
-impl AsMut<Block> for Block {
-    fn as_mut(&mut self) -> &mut Self {
-        self
-    }
-}
-
-impl Packed {
+impl<C: Coordinate> Packed<C> {
     fn new<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Self {
         let mut blocks = vec![Block::EMPTY; points.count.div_ceil(LANES)];
-        let order = pack(points, &mut blocks);
-        Self { blocks, order }
-    }
-
-    /// One value per place in the blocks, brought to the order of the points as given.
-    fn as_given(&self, values: &[[f64; LANES]], value: impl Fn(f64) -> f64) -> Vec<f64> {
-        let mut given = vec![0.0; self.order.len()];
-        for (&index, &found) in self.order.iter().zip(values.as_flattened()) {
-            given[index as usize] = value(found);
+        let given = pack(points, &mut blocks);
+        let count = points.count;
+        Self {
+            blocks,
+            given,
+            count,
         }
-        given
     }
 }
 
@@ -184,10 +158,10 @@ impl Packed {
 ///
 /// Points and queries are put in Hilbert order; sixteen neighbouring queries walk a tree of boxes
 /// together and meet blocks of sixteen points. Distances are those of [`super::NearestIndex`], bit
-/// by bit, at any number of threads.
-#[derive(Debug)]
-pub struct BlockIndex {
-    points: Packed,
+/// by bit, at any number of threads. Coordinates that are f32 can be kept as such.
+#[derive(Debug, Clone)]
+pub struct BlockIndex<C = f64> {
+    points: Packed<C>,
     /// The boxes of the blocks first, the root last.
     levels: Vec<Vec<Node>>,
 }
@@ -201,30 +175,31 @@ impl BlockIndex {
     /// As [`BlockIndex::new`]. Of points in spatial order the order is taken over, not made.
     pub fn of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Self> {
         check_points(points)?;
-        let points = Packed::new(points);
-        let mut boxes: Vec<Corners> = points.blocks.par_iter().map(Block::bounds).collect();
-        let mut levels = Vec::new();
-        while levels.is_empty() || boxes.len() > 1 {
-            levels.push(boxes.par_chunks(FANOUT).map(Node::over).collect());
-            boxes = boxes.par_chunks(FANOUT).map(union).collect();
-        }
-        Ok(Self { points, levels })
+        Ok(Self::over(Packed::new(points)))
     }
 
-    /// The points in the order given.
-    pub fn into_points(self) -> Vec<DVec3> {
-        let Packed { blocks, order } = self.points;
-        let mut points = vec![DVec3::ZERO; order.len()];
-        for (place, index) in order.into_iter().enumerate() {
-            points[index as usize] = blocks[place / LANES].point(place % LANES);
-        }
-        points
+    /// As [`BlockIndex::of`], for points in spatial order that `feed` brings in stretches of any
+    /// length: no list of all of them need exist. `None` without points.
+    pub fn gathered(feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Option<Self>> {
+        Self::gather(Keep::Order, feed)
     }
 
-    /// How many points are indexed, at least one.
-    #[allow(clippy::len_without_is_empty, reason = "never empty")]
-    pub fn len(&self) -> usize {
-        self.points.order.len()
+    /// The points in the order given, piece by piece.
+    pub fn pieces(&self) -> impl Iterator<Item = Vec<DVec3>> + '_ {
+        let Packed {
+            blocks,
+            given,
+            count,
+        } = &self.points;
+        let piece = match given {
+            Given::InChunk(_) => CHUNK,
+            _ => *count,
+        };
+        (0..*count).step_by(piece).map(move |first| {
+            let end = (first + piece).min(*count);
+            let place = |place: usize| blocks[place / LANES].point(place % LANES);
+            given.order_piece(first, (first..end).map(place).collect())
+        })
     }
 
     /// The distance from each query to its nearest point, in the order of the queries. Nothing is
@@ -280,19 +255,62 @@ impl BlockIndex {
                     blocks,
                     found,
                 });
+                for square in found.as_flattened_mut() {
+                    let distance = square.sqrt();
+                    *square = if distance < bound {
+                        distance
+                    } else {
+                        f64::INFINITY
+                    };
+                }
             });
-        queries.as_given(&found, |square| {
-            let distance = square.sqrt();
-            if distance < bound {
-                distance
-            } else {
-                f64::INFINITY
-            }
-        })
+        queries.given.order(found.into_flattened())
+    }
+}
+
+impl BlockIndex<f32> {
+    /// As [`BlockIndex::gathered`], for coordinates that are f32 all. It does not know in which order
+    /// the points came.
+    pub fn gathered_narrow(feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Option<Self>> {
+        Self::gather(Keep::Nothing, feed)
+    }
+}
+
+impl<C: Coordinate> BlockIndex<C> {
+    fn gather(keep: Keep, feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Option<Self>> {
+        let mut packing = Packing::new(keep);
+        feed(&mut |points| packing.take(points))?;
+        let (blocks, given, count) = packing.finish();
+        let points = Packed {
+            blocks,
+            given,
+            count,
+        };
+        Ok((count > 0).then(|| Self::over(points)))
+    }
+
+    fn over(points: Packed<C>) -> Self {
+        let bounds = |block: &Block<C>| {
+            let mut room = Block::EMPTY;
+            C::widened(block, &mut room).bounds()
+        };
+        let mut boxes: Vec<Corners> = points.blocks.par_iter().map(bounds).collect();
+        let mut levels = Vec::new();
+        while levels.is_empty() || boxes.len() > 1 {
+            levels.push(boxes.par_chunks(FANOUT).map(Node::over).collect());
+            boxes = boxes.par_chunks(FANOUT).map(union).collect();
+        }
+        Self { points, levels }
+    }
+
+    /// How many points are indexed, at least one.
+    #[allow(clippy::len_without_is_empty, reason = "never empty")]
+    pub fn len(&self) -> usize {
+        self.points.count
     }
 
     #[inline(always)]
-    pub(super) fn block(&self, number: usize) -> &Block {
+    pub(super) fn block(&self, number: usize) -> &Block<C> {
         &self.points.blocks[number]
     }
 
@@ -344,23 +362,6 @@ impl wide::Task for Search<'_> {
     }
 }
 
-/// Points to pair others with: a [`BlockIndex`] that forgot in which order its points were given.
-#[derive(Debug)]
-pub struct Targets(BlockIndex);
-
-impl Targets {
-    /// As [`BlockIndex::of`].
-    pub fn of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Self> {
-        let mut index = BlockIndex::of(points)?;
-        index.points.order = Vec::new();
-        Ok(Self(index))
-    }
-
-    pub(crate) fn index(&self) -> &BlockIndex {
-        &self.0
-    }
-}
-
 fn union(boxes: &[Corners]) -> Corners {
     let wider = |a: Corners, b: &Corners| (a.0.min(b.0), a.1.max(b.1));
     boxes.iter().fold(NOWHERE, wider)
@@ -404,7 +405,7 @@ mod tests {
             squares.fold(f64::INFINITY, f64::min).sqrt()
         };
         assert_eq!(queries.iter().map(least).collect::<Vec<_>>(), expected);
-        let packed = Packed::new(&listed(&queries, Order::Any));
+        let packed = Packed::<f64>::new(&listed(&queries, Order::Any));
         let mut seen = 0;
         for registers in [Registers::Baseline, Registers::Avx2, Registers::Avx512] {
             if registers.are_there() {
@@ -443,6 +444,45 @@ mod tests {
         assert_as_oracle(&vec![DVec3::ONE; 5000], &points, "one place");
         let mixed = [&far[..], &jumping[..], &points[..]].concat();
         assert_as_oracle(&points, &mixed, "mixed");
+    }
+
+    /// Points that come in stretches of any length.
+    #[test]
+    fn gathered_points_are_those_of_a_list() {
+        for count in [1, 15, 1024, 1025, 40_000, 600_001] {
+            let points = flattened(&scattered(36, count));
+            let order = super::super::spatial_order(&points);
+            let points: Vec<DVec3> = order.iter().map(|&index| points[index as usize]).collect();
+            let mut lengths = [1, 1023, 0, 70_000, 300_000, 5].into_iter().cycle();
+            let gathered = BlockIndex::gathered(|take| {
+                let mut rest = &points[..];
+                while !rest.is_empty() {
+                    let (some, left) = rest.split_at(lengths.next().unwrap().min(rest.len()));
+                    take(some)?;
+                    rest = left;
+                }
+                Ok(())
+            });
+            let gathered = gathered.unwrap().unwrap();
+            assert_eq!(gathered.len(), points.len());
+            assert!(gathered.pieces().flatten().eq(points.iter().copied()));
+            let listed = BlockIndex::of(&listed(&points, Order::Spatial)).unwrap();
+            assert!(listed.pieces().flatten().eq(points.iter().copied()));
+            let any = BlockIndex::new(&points).unwrap();
+            assert!(any.pieces().flatten().eq(points.iter().copied()));
+            let queries = flattened(&scattered(37, 3_001));
+            let expected = any.distances(&queries);
+            assert_eq!(gathered.distances(&queries), expected);
+            assert_eq!(
+                gathered.distances_from(&BlockIndex::new(&queries).unwrap()),
+                expected
+            );
+            let back = BlockIndex::new(&queries).unwrap();
+            assert_eq!(back.distances_from(&gathered), back.distances(&points));
+            assert_eq!(back.distances_from(&listed), back.distances(&points));
+        }
+        assert!(BlockIndex::gathered(|_| Ok(())).unwrap().is_none());
+        assert!(BlockIndex::gathered(|take| take(&[DVec3::NAN])).is_err());
     }
 
     fn flattened(points: &[DVec3]) -> Vec<DVec3> {

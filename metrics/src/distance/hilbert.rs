@@ -6,6 +6,8 @@ use rayon::prelude::*;
 
 /// Bits per axis of one pass.
 pub(crate) const BITS: u32 = 8;
+/// The last position on the curve.
+pub(crate) const LAST: u32 = (1 << (3 * BITS)) - 1;
 /// Cells per axis of one pass.
 const CELLS: f64 = (1 << BITS) as f64;
 /// Points that neighbour each other on the curve and are split as a tree: 64 blocks.
@@ -30,18 +32,12 @@ pub(super) fn order(count: usize, at: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<
 }
 
 /// Halves at most [`CHUNK`] points across their longest extent, again and again, down to whole
-/// blocks: boxes of a tree are tighter than those of stretches of the curve. Reorders the points'
-/// indices, and returns the points in that order.
-pub(super) fn split(at: &impl Fn(usize) -> DVec3, indices: &mut [u32]) -> Vec<DVec3> {
-    let points: Vec<DVec3> = indices.iter().map(|&index| at(index as usize)).collect();
+/// blocks: boxes of a tree are tighter than those of stretches of the curve. The points' indices in
+/// that order.
+pub(super) fn split(points: &[DVec3]) -> Vec<u16> {
     let mut entries: Vec<u64> = (0..points.len() as u64).collect();
-    halve(&points, &mut entries);
-    let given = indices.to_vec();
-    let local = |entry: &u64| *entry as u32 as usize;
-    for (index, entry) in indices.iter_mut().zip(&entries) {
-        *index = given[local(entry)];
-    }
-    entries.iter().map(|entry| points[local(entry)]).collect()
+    halve(points, &mut entries);
+    entries.into_iter().map(|entry| entry as u16).collect()
 }
 
 /// Orders entries, whose low halves are indices of points.

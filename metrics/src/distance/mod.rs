@@ -6,13 +6,16 @@
 mod blocks;
 pub(crate) mod hilbert;
 mod oracle;
+mod packing;
 mod pairs;
 mod search;
 mod together;
 mod wide;
 
-pub use blocks::{BlockIndex, Targets};
+pub use blocks::BlockIndex;
 pub use oracle::NearestIndex;
+pub use packing::Coordinate;
+pub use pairs::Source;
 pub(crate) use pairs::{PairSums, Tracker};
 
 use crate::error::{Error, Result};
@@ -38,6 +41,9 @@ pub struct Listed<F> {
     /// What is known of their order.
     pub order: Order,
 }
+
+/// Takes points stretch by stretch.
+pub type Take<'a> = dyn FnMut(&[DVec3]) -> Result<()> + 'a;
 
 /// The points of a slice.
 pub fn listed(points: &[DVec3], order: Order) -> Listed<impl Fn(usize) -> DVec3 + Sync> {
@@ -76,7 +82,8 @@ pub fn both_ways_in(order: Order, lists: [Vec<DVec3>; 2]) -> Result<[(Vec<DVec3>
     let (a, b) = rayon::join(|| index(a), || index(b));
     let (a, b) = (a?, b?);
     let (from_a, from_b) = (b.distances_from(&a), a.distances_from(&b));
-    Ok([(a.into_points(), from_a), (b.into_points(), from_b)])
+    let points = |index: BlockIndex| index.pieces().flatten().collect();
+    Ok([(points(a), from_a), (points(b), from_b)])
 }
 
 /// dx² + dy² + dz², rounded after each operation in this order: every search here ends in this.

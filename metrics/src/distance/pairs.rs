@@ -9,11 +9,13 @@
     reason = "one index runs over several columns"
 )]
 
-use super::Listed;
-use super::blocks::{Block, BlockIndex, Corners, LANES, NOWHERE, around, pack};
+use super::blocks::{Block, BlockIndex, Corners, LANES, NOWHERE, around};
+use super::packing::{Coordinate, Keep, Packing, Place, pack};
 use super::search::{Found, joined, smaller, square_of, squares};
 use super::together::{Neighbourhood, TOGETHER};
 use super::wide::{self, Registers, Width};
+use super::{Listed, Take};
+use crate::error::Result;
 use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 
@@ -60,8 +62,8 @@ impl PairSums {
 }
 
 /// Source points on their way, and the targets that they are paired with.
-pub(crate) struct Tracker<'a> {
-    index: &'a BlockIndex,
+pub(crate) struct Tracker<'a, C> {
+    index: &'a BlockIndex<C>,
     max_distance: f64,
     centre: DVec3,
     groups: Vec<Group>,
@@ -82,36 +84,87 @@ struct Group {
     partner: [u32; LANES],
 }
 
-impl AsMut<Block> for Group {
-    fn as_mut(&mut self) -> &mut Block {
-        &mut self.at
+impl Place for Group {
+    const EMPTY: Self = Self {
+        at: Block::EMPTY,
+        partner: [NONE; LANES],
+    };
+
+    fn set(&mut self, lane: usize, at: DVec3) {
+        self.at.set(lane, at);
     }
 }
 
-impl<'a> Tracker<'a> {
-    /// Tracks finite `source` points, at least one; sums are taken about `centre`.
-    pub(crate) fn new<F: Fn(usize) -> DVec3 + Sync>(
-        index: &'a BlockIndex,
-        source: &Listed<F>,
-        max_distance: f64,
-        centre: DVec3,
-    ) -> Self {
-        let empty = Group {
-            at: Block::EMPTY,
-            partner: [NONE; LANES],
-        };
-        let mut groups = vec![empty; source.count.div_ceil(LANES)];
-        pack(source, &mut groups);
+/// Points that [`crate::align::icp_onto`] moves.
+pub struct Source {
+    groups: Vec<Group>,
+    count: usize,
+    /// Their sum, added up in the order given.
+    sum: DVec3,
+}
+
+impl Source {
+    /// Of finite points.
+    pub(crate) fn of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Self {
+        let mut groups = vec![Group::EMPTY; points.count.div_ceil(LANES)];
+        pack(points, &mut groups);
+        let sum = (0..points.count).fold(DVec3::ZERO, |sum, index| sum + (points.at)(index));
+        let count = points.count;
+        Self { groups, count, sum }
+    }
+
+    /// Points in spatial order that `feed` brings, in stretches of any length: no list of
+    /// all of them need exist. An error where a point is not finite.
+    pub fn gathered(feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Self> {
+        let mut packing = Packing::new(Keep::Nothing);
+        let mut sum = DVec3::ZERO;
+        feed(&mut |points| {
+            sum = points.iter().fold(sum, |sum, &point| sum + point);
+            packing.take(points)
+        })?;
+        let (groups, _, count) = packing.finish();
+        Ok(Self { groups, count, sum })
+    }
+
+    /// How many points.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// The mean of the points.
+    pub(crate) fn centre(&self) -> DVec3 {
+        self.sum / self.count as f64
+    }
+}
+
+impl<'a, C: Coordinate> Tracker<'a, C> {
+    /// Tracks points, at least one; sums are taken about their mean.
+    pub(crate) fn new(index: &'a BlockIndex<C>, source: Source, max_distance: f64) -> Self {
         Self {
             index,
             max_distance,
-            centre,
-            groups,
+            centre: source.centre(),
+            groups: source.groups,
             others: Vec::new(),
             asked: source.count,
             moves: 0,
             registers: Registers::widest(),
         }
+    }
+
+    /// What the sums are taken about.
+    pub(crate) fn centre(&self) -> DVec3 {
+        self.centre
+    }
+
+    /// How many points are tracked.
+    pub(crate) fn len(&self) -> usize {
+        self.asked
     }
 
     /// Moves all points, finds their partners and sums over the pairs.
@@ -147,8 +200,8 @@ impl<'a> Tracker<'a> {
 }
 
 /// One motion of neighbouring groups.
-struct Step<'a> {
-    index: &'a BlockIndex,
+struct Step<'a, C> {
+    index: &'a BlockIndex<C>,
     max_distance: f64,
     centre: DVec3,
     motion: DMat4,
@@ -159,7 +212,7 @@ struct Step<'a> {
     asked: usize,
 }
 
-impl wide::Task for Step<'_> {
+impl<C: Coordinate> wide::Task for Step<'_, C> {
     type Output = PairSums;
 
     #[inline(always)]
@@ -205,9 +258,9 @@ impl wide::Task for Step<'_> {
 
 /// Searches for groups that ask from within their corners.
 #[inline(always)]
-fn search<F: Found>(
+fn search<C: Coordinate, F: Found>(
     width: impl Width,
-    index: &BlockIndex,
+    index: &BlockIndex<C>,
     (groups, corners): (&[Group], &[Corners; TOGETHER]),
     found: &mut [F; TOGETHER],
     near: &mut Neighbourhood,
@@ -226,9 +279,9 @@ fn search<F: Found>(
 
 /// Searches for all partners.
 #[inline(always)]
-fn coarse(
+fn coarse<C: Coordinate>(
     width: impl Width,
-    index: &BlockIndex,
+    index: &BlockIndex<C>,
     max_distance: f64,
     groups: &mut [Group],
     lanes: &[usize; TOGETHER],
@@ -250,7 +303,9 @@ fn coarse(
         for lane in 0..LANES {
             if found.block[lane] != NONE {
                 let number = found.block[lane];
-                let squares = squares(index.block(number as usize), group.at.point(lane));
+                let mut room = Block::EMPTY;
+                let block = C::widened(index.block(number as usize), &mut room);
+                let squares = squares(block, group.at.point(lane));
                 let mut bits = [0u64; LANES];
                 for k in 0..LANES {
                     bits[k] = if squares[k] <= found.best[lane] {
@@ -268,9 +323,9 @@ fn coarse(
 
 /// Searches for the partners that may have changed, and how far away all others are.
 #[inline(always)]
-fn fine(
+fn fine<C: Coordinate>(
     width: impl Width,
-    index: &BlockIndex,
+    index: &BlockIndex<C>,
     max_distance: f64,
     groups: &mut [Group],
     (lanes, steps, others): (
@@ -322,7 +377,7 @@ impl Group {
 
     /// The partners' positions; at infinity where there is none.
     #[inline(always)]
-    fn partners(&self, index: &BlockIndex) -> Block {
+    fn partners<C: Coordinate>(&self, index: &BlockIndex<C>) -> Block {
         let mut partners = Block::EMPTY;
         for lane in 0..LANES {
             let place = self.partner[lane] as usize;
@@ -338,9 +393,9 @@ impl Group {
 
     /// A bit for each lane whose partner may have changed, with what to ask for it.
     #[inline(always)]
-    fn stale(
+    fn stale<C: Coordinate>(
         &self,
-        index: &BlockIndex,
+        index: &BlockIndex<C>,
         max_distance: f64,
         lanes: usize,
         (steps, others): (&[f64; LANES], &mut [f32; LANES]),
@@ -544,18 +599,49 @@ mod tests {
         let source = sheet(71, 3_001);
         let index = BlockIndex::new(&target).unwrap();
         let source = listed(&source, Order::Any);
-        let run = |registers| {
-            let mut tracker = Tracker::new(&index, &source, 0.3, DVec3::ZERO);
-            tracker.registers = registers;
-            let step =
-                |k: i32| DMat4::from_translation(DVec3::new(0.02, 0.01, 0.05) * 0.3f64.powi(k));
-            (0..7).map(|k| tracker.moved(step(k))).collect::<Vec<_>>()
-        };
+        let run = |registers| moves(Tracker::new(&index, Source::of(&source), 0.3), registers);
         let expected = run(Registers::Baseline);
         assert!(expected.iter().all(|sums| sums.pairs > 2_900));
         for registers in [Registers::Avx2, Registers::Avx512] {
             if registers.are_there() {
                 assert_eq!(run(registers), expected, "{registers:?}");
+            }
+        }
+    }
+
+    fn moves<C: Coordinate>(mut tracker: Tracker<'_, C>, registers: Registers) -> Vec<PairSums> {
+        tracker.registers = registers;
+        let step = |k: i32| DMat4::from_translation(DVec3::new(0.02, 0.01, 0.05) * 0.3f64.powi(k));
+        (0..7).map(|k| tracker.moved(step(k))).collect()
+    }
+
+    /// Targets kept as f32, and a source that came in stretches, at every width.
+    #[test]
+    fn narrow_targets_and_gathered_sources_pair_alike() {
+        let spatial = |points: Vec<DVec3>| -> Vec<DVec3> {
+            let order = super::super::spatial_order(&points);
+            order.iter().map(|&index| points[index as usize]).collect()
+        };
+        let narrow = sheet(72, 5_000).into_iter().map(|p| p.as_vec3().as_dvec3());
+        let target = spatial(narrow.collect());
+        let source = spatial(sheet(73, 3_001));
+        let wide = BlockIndex::of(&listed(&target, Order::Spatial)).unwrap();
+        let narrow = BlockIndex::gathered_narrow(|take| target.chunks(999).try_for_each(take));
+        let narrow = narrow.unwrap().unwrap();
+        let gathered = || Source::gathered(|take| source.chunks(777).try_for_each(take)).unwrap();
+        let listed = || Source::of(&listed(&source, Order::Spatial));
+        for registers in [Registers::Baseline, Registers::Avx2, Registers::Avx512] {
+            if registers.are_there() {
+                let expected = moves(Tracker::new(&wide, listed(), 0.3), registers);
+                assert!(expected.iter().all(|sums| sums.pairs > 2_900));
+                assert_eq!(
+                    moves(Tracker::new(&wide, gathered(), 0.3), registers),
+                    expected
+                );
+                assert_eq!(
+                    moves(Tracker::new(&narrow, gathered(), 0.3), registers),
+                    expected
+                );
             }
         }
     }

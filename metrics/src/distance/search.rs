@@ -8,6 +8,7 @@
 )]
 
 use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES};
+use super::packing::{Coordinate, Place as _};
 use super::wide::Width;
 use glam::DVec3;
 
@@ -68,9 +69,9 @@ pub(super) fn squares(block: &Block, query: DVec3) -> [f64; LANES] {
 /// The block of number `hint` is looked at first: one near the queries saves detours. Returns the
 /// nearest block, a good hint for neighbouring queries.
 #[inline(always)]
-pub(super) fn walk(
+pub(super) fn walk<C: Coordinate>(
     width: impl Width,
-    index: &BlockIndex,
+    index: &BlockIndex<C>,
     queries: &Block,
     corners: Corners,
     hint: usize,
@@ -122,9 +123,9 @@ pub(super) fn walk(
 
 /// Shows a block to `found` for the queries that may be near enough; the reach after that.
 #[inline(always)]
-fn scan(
+fn scan<C: Coordinate>(
     width: impl Width,
-    index: &BlockIndex,
+    index: &BlockIndex<C>,
     number: usize,
     queries: &Block,
     reach: f64,
@@ -144,7 +145,8 @@ fn scan(
     if open == 0 {
         return reach;
     }
-    let block = index.block(number);
+    let mut room = Block::EMPTY;
+    let block = C::widened(index.block(number), &mut room);
     while open != 0 {
         let lane = open.trailing_zeros() as usize % LANES;
         found.meet(width, number, block, lane, queries.point(lane));

@@ -9,6 +9,7 @@
 )]
 
 use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES, NOWHERE, around};
+use super::packing::{Coordinate, Place as _};
 use super::search::{Found, STACK, farthest, gaps_of, joined, larger, smaller, square_of, walk};
 use super::wide::Width;
 
@@ -63,10 +64,10 @@ impl Neighbourhood {
 
     /// Shows to each group's `found` every block that its bounds do not rule out.
     #[inline(always)]
-    pub(super) fn search<F: Found>(
+    pub(super) fn search<C: Coordinate, F: Found>(
         &mut self,
         width: impl Width,
-        index: &BlockIndex,
+        index: &BlockIndex<C>,
         groups: &[Group<'_>],
         found: &mut [F],
     ) {
@@ -111,17 +112,17 @@ impl Neighbourhood {
         self.expect(index, expected);
     }
 
-    fn expect(&mut self, index: &BlockIndex, square: f64) {
+    fn expect<C: Coordinate>(&mut self, index: &BlockIndex<C>, square: f64) {
         let spacing = index.spacing_at(self.hint);
         self.reach = larger(AHEAD * square, spacing * spacing);
     }
 
     /// Walks the tree for those queries of a group whose bounds are above `within`.
     #[inline(always)]
-    fn alone<F: Found>(
+    fn alone<C: Coordinate, F: Found>(
         &mut self,
         width: impl Width,
-        index: &BlockIndex,
+        index: &BlockIndex<C>,
         group: &Group<'_>,
         found: &mut F,
         within: f64,
@@ -186,7 +187,12 @@ impl Boxes {
     /// Gathers the blocks whose boxes are nearer to a box than `reach`, squared; false where they are
     /// too many.
     #[inline(always)]
-    fn collect(&mut self, index: &BlockIndex, corners: Corners, reach: f64) -> bool {
+    fn collect<C: Coordinate>(
+        &mut self,
+        index: &BlockIndex<C>,
+        corners: Corners,
+        reach: f64,
+    ) -> bool {
         self.count = 0;
         let mut stack = [(0u32, 0u32); STACK];
         stack[0].0 = index.levels().len() as u32 - 1;
@@ -230,10 +236,10 @@ impl Boxes {
     /// Shows to `found` those of the blocks that may be of interest to queries whose bounds are above
     /// `within`. Where these are too many the group walks alone.
     #[inline(always)]
-    fn show<F: Found>(
+    fn show<C: Coordinate, F: Found>(
         &self,
         width: impl Width,
-        index: &BlockIndex,
+        index: &BlockIndex<C>,
         (queries, corners): &Group<'_>,
         (within, reach): (f64, f64),
         found: &mut F,
@@ -315,21 +321,17 @@ impl Boxes {
     }
 
     #[inline(always)]
-    fn meet<F: Found>(
+    fn meet<C: Coordinate, F: Found>(
         &self,
         width: impl Width,
-        index: &BlockIndex,
+        index: &BlockIndex<C>,
         place: u32,
         (lane, queries): (usize, &Block),
         found: &mut F,
     ) {
         let number = self.numbers[place as usize % MOST] as usize;
-        found.meet(
-            width,
-            number,
-            index.block(number),
-            lane,
-            queries.point(lane),
-        );
+        let mut room = Block::EMPTY;
+        let block = C::widened(index.block(number), &mut room);
+        found.meet(width, number, block, lane, queries.point(lane));
     }
 }

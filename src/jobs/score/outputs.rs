@@ -9,13 +9,15 @@ use crate::report::{colormap, curve_png, record};
 use crate::score::{Evaluation, Side};
 use mvs_datasets::format::image;
 use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
-use mvs_metrics::{Curve, Tolerance};
+use mvs_metrics::{Curve, Score, Tolerance};
 use std::io::Write;
 
 /// How far past τ the toolbox plots, in τ; it is written into its files.
 const STRETCH: f64 = 5.0;
 /// The distance that gets the last colour, in τ.
 const COLOR_STRETCH: f64 = 3.0;
+/// Points of a cloud that are written at a time.
+const ROWS: usize = 4096;
 
 /// Writes every file but `run.toml`.
 pub(super) fn write_all(
@@ -24,8 +26,9 @@ pub(super) fn write_all(
     document: &ScoreDocument,
 ) -> Result<()> {
     let (scene, tolerance) = (&document.scene, Tolerance::new(document.tolerance)?);
-    write_curves(out, scene, evaluation, tolerance)?;
-    write_plot(out, document, evaluation, tolerance)?;
+    let curves = evaluation.curves(tolerance);
+    write_curves(out, scene, &curves, &evaluation.score(tolerance))?;
+    write_plot(out, document, &curves)?;
     let clouds = [
         ("precision", &evaluation.reconstruction),
         ("recall", &evaluation.truth),
@@ -48,16 +51,20 @@ fn write_errors(out: &OutDir, name: &str, side: &Side, tolerance: Tolerance) -> 
     let properties = [&double[..], &uchar, &[("error", Scalar::Float)]].concat();
     out.write(name, |file| {
         let mut writer = StreamWriter::new(file, &properties, &[])?;
-        let mut row = Vec::with_capacity(32);
+        let row: usize = properties.iter().map(|(_, scalar)| scalar.size()).sum();
+        let mut rows = Vec::with_capacity(ROWS * row);
         for (point, &distance) in side.points.iter().zip(&side.distances) {
-            row.clear();
             for along in point.to_array() {
-                row.extend(along.to_le_bytes());
+                rows.extend(along.to_le_bytes());
             }
-            row.extend(colormap::hot_r(distance.min(reach) / reach));
-            row.extend((distance as f32).to_le_bytes());
-            writer.write(&row)?;
+            rows.extend(colormap::hot_r(distance.min(reach) / reach));
+            rows.extend((distance as f32).to_le_bytes());
+            if rows.len() == ROWS * row {
+                writer.write(&rows)?;
+                rows.clear();
+            }
         }
+        writer.write(&rows)?;
         writer.finish().map(|_| ())
     })
 }
@@ -68,22 +75,17 @@ fn write_errors(out: &OutDir, name: &str, side: &Side, tolerance: Tolerance) -> 
 fn write_curves(
     out: &OutDir,
     scene: &str,
-    evaluation: &Evaluation,
-    tolerance: Tolerance,
+    (precision, recall): &(Curve, Curve),
+    score: &Score,
 ) -> Result<()> {
-    let (precision, recall) = evaluation.curves(tolerance);
-    write_numbers(
-        out,
-        &format!("{scene}.precision.txt"),
-        &fractions(&precision),
-    )?;
-    write_numbers(out, &format!("{scene}.recall.txt"), &fractions(&recall))?;
-    let score = evaluation.score(tolerance);
+    for (name, curve) in [("precision", precision), ("recall", recall)] {
+        write_numbers(out, &format!("{scene}.{name}.txt"), &curve.fractions())?;
+    }
     let summary = [
         score.precision(),
         score.recall(),
         score.f_score(),
-        tolerance.get(),
+        score.tolerance().get(),
         STRETCH,
     ];
     write_numbers(out, &format!("{scene}.prf_tau_plotstr.txt"), &summary)
@@ -94,10 +96,8 @@ fn write_curves(
 fn write_plot(
     out: &OutDir,
     document: &ScoreDocument,
-    evaluation: &Evaluation,
-    tolerance: Tolerance,
+    (precision, recall): &(Curve, Curve),
 ) -> Result<()> {
-    let (precision, recall) = evaluation.curves(tolerance);
     let title = format!(
         "Precision and recall: {}, {:.2} % F-score",
         document.scene,
@@ -105,21 +105,17 @@ fn write_plot(
     );
     let curves = Curves {
         title: &title,
-        tau: tolerance.get(),
+        tau: document.tolerance,
         unit: row::unit_of(document.protocol),
         distances: &precision.edges()[1..],
-        precision: &fractions(&precision),
-        recall: &fractions(&recall),
+        precision: &precision.fractions(),
+        recall: &recall.fractions(),
     };
-    let tenths = (tolerance.get() * 1e4) as u64;
+    let tenths = (document.tolerance * 1e4) as u64;
     let name = format!("PR_{}_@d_th_0_{tenths:04}", document.scene);
     let (svg, png) = (curve_svg::svg(&curves)?, curve_png::image(&curves)?);
     out.write(format!("{name}.svg"), |file| file.write_all(svg.as_bytes()))?;
     out.write(format!("{name}.png"), |file| image::write_png(file, &png))
-}
-
-fn fractions(curve: &Curve) -> Vec<f64> {
-    curve.fractions()
 }
 
 fn write_numbers(out: &OutDir, name: &str, numbers: &[f64]) -> Result<()> {

@@ -52,17 +52,10 @@ struct Boxes {
 }
 
 impl Boxes {
-    fn of(inputs: &tnt::Inputs, motion: &Motion) -> Self {
-        let motion = motion.truth_from_reconstruction;
-        Self::around(&inputs.reconstruction, &inputs.truth, motion)
-    }
-
-    fn around(reconstruction: &FinitePoints, truth: &FinitePoints, motion: DMat4) -> Self {
+    fn around(reconstruction: &FinitePoints, motion: DMat4, truth: Aabb) -> Self {
         let moved = reconstruction.iter();
-        Self {
-            moved: Aabb::around(moved.map(|point| motion.transform_point3(point))),
-            truth: Aabb::around(truth.iter()),
-        }
+        let moved = Aabb::around(moved.map(|point| motion.transform_point3(point)));
+        Self { moved, truth }
     }
 }
 
@@ -101,7 +94,7 @@ impl<'a> Work<'a> {
         let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
         let motion = transform.unwrap_or(DMat4::IDENTITY);
         let mut checks: Vec<Gate> = mesh_gate.into_iter().chain(truth_gate).collect();
-        let boxes = Boxes::around(&reconstruction, &truth, motion);
+        let boxes = Boxes::around(&reconstruction, motion, Aabb::around(truth.iter()));
         checks.extend(self.gates_of_place(&evaluation, &boxes)?);
         // The user says that the clouds share a frame: what looks wrong is advice here.
         self.warn_of(&checks);
@@ -124,25 +117,26 @@ impl<'a> Work<'a> {
         let profile = self.job.profile;
         let (inputs, mesh_sampling, mesh_gate) = self.read_tnt(folder)?;
         self.next("aligning")?;
-        let motion = tnt::align(&inputs, &self.options(profile, self.job.seed))?;
-        let (at, boxes) = (
-            motion.truth_from_reconstruction,
-            Boxes::of(&inputs, &motion),
-        );
-        let aligned = !matches!(inputs.start, Start::Given(_));
+        let options = self.options(profile, self.job.seed);
         let source = match inputs.start {
             Start::Trajectories(_) => AlignmentSource::Trajectory,
             Start::Given(_) | Start::Refined(_) => AlignmentSource::Transform,
         };
-        let tolerance = inputs.tolerance;
+        let aligned = !matches!(inputs.start, Start::Given(_));
         let other_wanted = aligned && !self.job.one_profile;
-        self.next("scoring")?;
-        // Clouds that nothing asks for later make room for the distances.
-        let (evaluation, inputs) = if other_wanted || self.job.seeds >= 2 {
-            (tnt::evaluate(&inputs, at)?, Some(inputs))
+        let tolerance = inputs.tolerance;
+        let truth = Aabb::around(inputs.truth.iter());
+        // Clouds that nothing asks for later make room.
+        let (aligned, inputs) = if other_wanted || self.job.seeds >= 2 {
+            (tnt::align(&inputs, &options)?, Some(&inputs))
         } else {
-            (tnt::evaluate_last(inputs, at)?, None)
+            (tnt::align_last(inputs, &options)?, None)
         };
+        let motion = aligned.motion.clone();
+        let at = motion.truth_from_reconstruction;
+        let boxes = Boxes::around(&aligned.reconstruction, at, truth);
+        self.next("scoring")?;
+        let evaluation = aligned.evaluate()?;
         self.next("checking")?;
         let mut gates: Vec<Gate> = mesh_gate.into_iter().collect();
         gates.extend(self.gates_of_motion(&motion));
@@ -151,11 +145,11 @@ impl<'a> Work<'a> {
         if let Some(said) = gates::unconverged(&motion.stages, profile) {
             self.warnings.add("icp-not-converged", said);
         }
-        let other_profile = match inputs.as_ref().filter(|_| other_wanted) {
+        let other_profile = match inputs.filter(|_| other_wanted) {
             Some(inputs) => self.other_profile(inputs, &evaluation)?,
             None => None,
         };
-        let spread = match &inputs {
+        let spread = match inputs {
             Some(inputs) => self.spread(inputs, &evaluation)?,
             None => None,
         };
@@ -286,15 +280,15 @@ impl<'a> Work<'a> {
             Profile::Strict => Profile::Official,
         };
         self.next(&format!("comparing with {profile}"))?;
-        let motion = match tnt::align(inputs, &self.options(profile, self.job.seed)) {
-            Ok(motion) => motion,
+        let aligned = match tnt::align(inputs, &self.options(profile, self.job.seed)) {
+            Ok(aligned) => aligned,
             Err(error) => {
                 let message = format!("the {profile} profile gives no score: {error}");
                 self.warnings.add("other-profile-failed", message);
                 return Ok(None);
             }
         };
-        let other = tnt::evaluate(inputs, motion.truth_from_reconstruction)?;
+        let other = aligned.evaluate()?;
         let score = other.score(inputs.tolerance);
         let (ours, theirs) = (
             evaluation.score(inputs.tolerance).f_score(),
@@ -324,8 +318,7 @@ impl<'a> Work<'a> {
         for nth in 1..u64::from(self.job.seeds) {
             self.next(&format!("seed {nth}"))?;
             let options = self.options(self.job.profile, self.job.seed.wrapping_add(nth));
-            let motion = tnt::align(inputs, &options)?;
-            let evaluation = tnt::evaluate(inputs, motion.truth_from_reconstruction)?;
+            let evaluation = tnt::align(inputs, &options)?.evaluate()?;
             f_scores.push(evaluation.score(inputs.tolerance).f_score());
         }
         Ok(Some(Spread {

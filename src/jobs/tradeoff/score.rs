@@ -136,8 +136,9 @@ impl Pair {
             return Ok((evaluation.score(self.tolerance), None));
         }
         let order = setting.voxel.map_or(Order::Any, |_| Order::Spatial);
-        let mut truth = preparation.apply_to_truth(&self.truth)?.points;
-        let mut reconstruction = preparation.apply(&self.reconstruction, self.motion)?.points;
+        let mut truth = preparation.apply_to_truth(&self.truth)?.points.to_vec();
+        let reconstruction = preparation.apply(&self.reconstruction, self.motion)?;
+        let mut reconstruction = reconstruction.points.to_vec();
         if setting.rounding != Rounding::None {
             let center = match (setting.rounding, truth.first()) {
                 (Rounding::Recentred, Some(&first)) => first,

@@ -371,7 +371,7 @@ fn score_aligned(
         camera_distance: 4.0 * setting.tau,
         seed: 0,
     };
-    let motion = tnt::align(&inputs, &options).unwrap();
+    let motion = tnt::align(&inputs, &options).unwrap().motion;
     let found = motion.truth_from_reconstruction;
     let last = motion.stages.last().unwrap();
     numbers.put("align", variant, "scale", tnt::scale_of(found));

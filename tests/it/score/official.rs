@@ -94,7 +94,8 @@ fn from_the_recorded_start_stages_and_counts_are_open3ds() {
     for case in ["clean", "unregistered", "video"] {
         let expected = &REFERENCE["cases"][case];
         let inputs = inputs(Start::Refined(matrix(&expected["start"])));
-        let motion = tnt::align(&inputs, &options(0)).unwrap();
+        let aligned = tnt::align(&inputs, &options(0)).unwrap();
+        let motion = aligned.motion.clone();
         let stages = expected["stages"].as_array().unwrap();
         assert_eq!(motion.stages.len(), stages.len());
         for (found, expected) in motion.stages.iter().zip(stages) {
@@ -117,6 +118,14 @@ fn from_the_recorded_start_stages_and_counts_are_open3ds() {
         }
         let evaluation = tnt::evaluate(&inputs, motion.truth_from_reconstruction).unwrap();
         check_score(&evaluation, inputs.tolerance, &expected["score"], case);
+        // The same by the truth that ICP left, and by inputs that go as they are used.
+        let tolerance = inputs.tolerance;
+        assert!(aligned.evaluate().unwrap() == evaluation, "{case}");
+        let last = tnt::align_last(inputs, &options(0)).unwrap();
+        assert_eq!(last.motion, motion, "{case}");
+        let last = last.evaluate().unwrap();
+        assert!(last == evaluation, "{case}");
+        check_score(&last, tolerance, &expected["score"], case);
     }
 }
 
@@ -155,7 +164,7 @@ fn the_official_pipelines_f_lies_within_the_spread_of_open3ds_over_seeds() {
         let expected = REFERENCE["cases"][case]["f_over_seeds"].as_array().unwrap();
         let spread: Vec<f64> = expected.iter().map(number).collect();
         let inputs = inputs(Start::Trajectories(trajectories(case)));
-        let motion = tnt::align(&inputs, &options(0)).unwrap();
+        let motion = tnt::align(&inputs, &options(0)).unwrap().motion;
         let evaluation = tnt::evaluate(&inputs, motion.truth_from_reconstruction).unwrap();
         let f = evaluation.score(inputs.tolerance).f_score();
         let min = spread.iter().copied().fold(f64::INFINITY, f64::min);
@@ -179,7 +188,7 @@ fn the_strict_profile_keeps_the_scale_of_a_smooth_noisy_patch() {
             profile: Profile::Strict,
             ..options(0)
         };
-        let motion = tnt::align(&inputs, &strict).unwrap();
+        let motion = tnt::align(&inputs, &strict).unwrap().motion;
         let scale = tnt::scale_of(motion.truth_from_reconstruction) / 2.0;
         assert!((scale - 1.0).abs() < 0.003, "{case}: {scale}");
         assert!(motion.stages.iter().all(|stage| stage.converged), "{case}");
