@@ -2,7 +2,8 @@
 
 usage: python benches/fusion.py --binary target/release/mvs-eval
            --inputs target/release/examples/fusion_inputs --work FOLDER --out FOLDER
-           [--scenes tabletop:20x640x480 …] [--memory tabletop:100x640x480@16 …] [--repeats 3]
+           [--scenes tabletop:20x640x480 …] [--memory tabletop:100x640x480@16 …] [--modes hkust …]
+           [--repeats 3]
 
 Inputs are the project's synthetic scenes (0.1 % noise, 2 % outliers, flying pixels, holes), written by
 `cargo build --release --example fusion_inputs`; for `--memory`, under a budget of so many MiB. COLMAP gets the depths that pass our confidence
@@ -117,7 +118,7 @@ def memory(args, case):
     budget = budget or "512"
     folder = written(args, name)
     rows = []
-    for mode in MODES:
+    for mode in args.modes:
         out = f"{folder}/{mode}.ply"
         command = ours(args, folder, mode, out) + ["--memory", budget]
         rows.append({"scene": name, "mode": mode, "memory_mib": budget, **measured(command)})
@@ -143,6 +144,7 @@ def main():
     parser.add_argument("--scenes", nargs="*", default=["tabletop:20x640x480", "tabletop:12x1920x1080",
                                                         "facade:20x640x480", "facade:12x1920x1080"])
     parser.add_argument("--memory", nargs="*", default=[])
+    parser.add_argument("--modes", nargs="*", default=MODES, help="of --memory")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--colmap", nargs=3, metavar=("WORKSPACE", "OUT", "SETTINGS"))
     args = parser.parse_args()

@@ -12,13 +12,14 @@ OpenCV, whose remap has weights in 1/32 pixel; `exact` replaces it by bilinear w
 
 import argparse
 import ast
-import csv
 import os
 import subprocess
 import tempfile
 
 import cv2
 import numpy as np
+
+from fusion import write
 
 
 def read_pfm(path):
@@ -125,10 +126,7 @@ def main():
                      "max_relative_depth_difference": float(off.max())})
         print(rows[-1], flush=True)
     if args.out:
-        with open(args.out, "w", newline="") as file:
-            table = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-            table.writeheader()
-            table.writerows(rows)
+        write(args.out, rows)
     print("numpy", np.__version__, "OpenCV", cv2.__version__)
 
 

@@ -11,7 +11,6 @@ cropped to the mesh's bounds grown by one tau. Scores by `mvs-eval score`, voxel
 """
 
 import argparse
-import csv
 import json
 import os
 import subprocess
@@ -19,7 +18,7 @@ import subprocess
 import numpy as np
 import trimesh
 
-MODES = ("hkust", "geo", "dynamic", "gipuma", "cluster")
+from fusion import MODES, write
 
 
 def write_ply(path, points):
@@ -64,10 +63,7 @@ def main():
                          **{key: score[key] for key in ("precision", "recall", "f_score")}})
             print(rows[-1], flush=True)
     if args.out:
-        with open(args.out, "w", newline="") as file:
-            table = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-            table.writeheader()
-            table.writerows(rows)
+        write(args.out, rows)
     print("trimesh", trimesh.__version__, "numpy", np.__version__)
 
 

@@ -331,10 +331,12 @@ impl Engine<'_> {
             Ok((samples, bytes))
         })?;
         let mut own = samples.split_off(used.len()).remove(0);
+        let mut known = None;
         if from == Maps::Input(Filters::Depth) {
             // References go through all filters.
             let all = Samples::clone(&own);
-            own = Arc::new(keep_confident(all, maps, index, self.options)?);
+            known = confidence(maps, index)?;
+            own = Arc::new(keep_confident(all, known.as_ref(), self.options));
         }
         let counts = own.left_out();
         let source = |(&number, samples)| {
@@ -344,6 +346,7 @@ impl Engine<'_> {
             number: index,
             view,
             samples: own,
+            confidence: known,
             sources: used.iter().zip(samples).map(source).collect(),
             options: self.options,
             rule,
@@ -387,6 +390,10 @@ impl Engine<'_> {
                 source.image = Some(SourceImage::new(image, &source.samples));
             }
         }
+        let mut confidence = reference.confidence.take();
+        if confidence.is_none() && columns.has(Columns::CONFIDENCES) {
+            confidence = super::samples::confidence(maps, index)?;
+        }
         let normals = maps
             .normals(index)?
             .filter(|_| columns.has(Columns::NORMALS));
@@ -402,7 +409,7 @@ impl Engine<'_> {
                 .collect(),
             columns,
             image,
-            confidence: confidence(maps, index)?.filter(|_| columns.has(Columns::CONFIDENCES)),
+            confidence,
             normals,
             region: self.inputs.region,
         })

@@ -5,6 +5,7 @@ use super::Estimate;
 use crate::error::{Error, Result};
 use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Depth maps with their views, confidence and images. Views are numbered from 0.
@@ -19,6 +20,15 @@ pub trait DepthMaps: Sync {
     fn sources(&self, index: usize) -> &[usize];
     /// The estimated z-depth.
     fn depth(&self, index: usize) -> Result<DepthMap>;
+    /// Calls `take(row, depths)` for every row of [`DepthMaps::depth`], from the top, after a check of its
+    /// size.
+    fn depth_rows(&self, index: usize, take: &mut dyn FnMut(usize, &[f32])) -> Result<()> {
+        let depth = self.depth(index)?;
+        check_size(self.view(index), depth.size(), "depth map")?;
+        let rows = depth.raster().rows().enumerate();
+        rows.for_each(|(row, depths)| take(row, depths));
+        Ok(())
+    }
     /// Confidence per pixel, of the depth map's size.
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>>;
     /// Which pixels count, of the depth map's size.
@@ -77,6 +87,8 @@ pub trait Scratch: Sync {
     fn store(&self, key: u64, values: Vec<f32>) -> Result<()>;
     /// What was stored under `key`.
     fn fetch(&self, key: u64) -> Result<Arc<Vec<f32>>>;
+    /// Puts the values in `range` of what was stored under `key` into `to`, in place of what it held.
+    fn fetch_part(&self, key: u64, range: Range<usize>, to: &mut Vec<f32>) -> Result<()>;
     /// Forgets `key`.
     fn discard(&self, key: u64) -> Result<()>;
 }
@@ -102,6 +114,17 @@ impl Scratch for MemoryScratch {
     fn fetch(&self, key: u64) -> Result<Arc<Vec<f32>>> {
         let found = self.maps().get(&key).cloned();
         found.ok_or_else(|| Error::invalid("scratch", format!("expected a map {key}, found none")))
+    }
+
+    fn fetch_part(&self, key: u64, range: Range<usize>, to: &mut Vec<f32>) -> Result<()> {
+        let all = self.fetch(key)?;
+        let part = all.get(range.clone()).ok_or_else(|| {
+            let problem = format!("expected numbers {range:?}, found {}", all.len());
+            Error::invalid(format!("scratch map {key}"), problem)
+        })?;
+        to.clear();
+        to.extend_from_slice(part);
+        Ok(())
     }
 
     fn discard(&self, key: u64) -> Result<()> {

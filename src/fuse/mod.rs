@@ -31,6 +31,7 @@ pub mod sampling;
 mod selection;
 #[cfg(test)]
 mod testing;
+mod tiles;
 mod voxels;
 
 pub use counts::FuseCounts;
@@ -39,6 +40,7 @@ pub use inputs::{DepthMaps, MemoryScratch, Scratch};
 pub use options::{Colors, FuseMode, FuseOptions, Sampling, Visibility};
 pub use points::{Columns, PointSink, Points};
 pub use reference::Region;
+pub use tiles::CLUSTER_BYTES;
 pub use voxels::VoxelSink;
 
 use crate::error::Result;

@@ -1,8 +1,9 @@
-//! `geo` pixel by pixel in f64, as plainly as it can be said: what the engine is held to.
+//! `geo`, `dynamic` and `gipuma` pixel by pixel in f64, as plainly as they can be said: what the engine is
+//! held to.
 
 use super::geometry::PairGeometry;
 use super::sampling;
-use super::{Estimate, FuseCounts, FuseOptions};
+use super::{Estimate, FuseCounts, FuseMode, FuseOptions};
 use glam::{DVec2, DVec3};
 
 /// One point before it joins the cloud.
@@ -31,7 +32,8 @@ pub(super) struct Reference<'a> {
 impl<'a> Reference<'a> {
     pub(super) fn new(estimates: &'a [Estimate], index: usize, options: &'a FuseOptions) -> Self {
         let estimate = &estimates[index];
-        let used = estimate.sources.iter().take(options.max_sources);
+        let used = options.sources_used(estimate.sources.len());
+        let used = estimate.sources[..used].iter();
         let sources = used
             .map(|&source| &estimates[source])
             .map(|source| (PairGeometry::new(&estimate.view, &source.view), source))
@@ -68,18 +70,98 @@ impl<'a> Reference<'a> {
             return;
         }
         let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-        let (agreeing, mean) = self.consensus(pixel, depth);
-        if agreeing < self.options.min_sources {
+        let judged = match self.options.mode {
+            FuseMode::Dynamic => self.dynamic(pixel, depth),
+            FuseMode::Gipuma => self.gipuma(pixel, depth),
+            _ => self.geo(pixel, depth),
+        };
+        let Some((agreeing, position)) = judged else {
             band.counts.inconsistent += 1;
             return;
-        }
+        };
         band.counts.fused += 1;
         band.points.push(Point {
-            position: self.position(pixel, mean),
+            position,
             color: self.color(pixel),
             view_count: u32::try_from(agreeing + 1).unwrap_or(u32::MAX),
             confidence,
         });
+    }
+
+    fn geo(&self, pixel: DVec2, depth: f64) -> Option<(usize, DVec3)> {
+        let (agreeing, mean) = self.consensus(pixel, depth);
+        let enough = agreeing >= self.options.min_sources;
+        enough.then(|| (agreeing, self.position(pixel, mean)))
+    }
+
+    /// For some i from 2 to 10, i sources have a pixel error below i/4 and a relative depth error below
+    /// i/1300; the mean is over those that meet the widest bounds.
+    fn dynamic(&self, pixel: DVec2, depth: f64) -> Option<(usize, DVec3)> {
+        let mut errors = Vec::new();
+        for (pair, source) in &self.sources {
+            let Some(projected) = pair.project(pixel, depth) else {
+                continue;
+            };
+            let sampled = sampling::plain(&source.depth, projected.pixel);
+            if sampled > 0.0 {
+                let q = sampled / projected.depth - 1.0;
+                let (pixels, relative) = (
+                    pair.pixel_error(pixel, depth, q),
+                    pair.depth_error(depth, q),
+                );
+                errors.push((pixels, relative, pair.reprojected_depth(depth, q)));
+            }
+        }
+        let meet = |i: f64| {
+            let within = |error: &&(f64, f64, f64)| error.0 < i / 4.0 && error.1 < i / 1300.0;
+            errors
+                .iter()
+                .filter(within)
+                .map(|error| error.2)
+                .collect::<Vec<f64>>()
+        };
+        let enough = (2..=10).any(|i| meet(f64::from(i)).len() >= i as usize);
+        let widest = meet(10.0);
+        #[allow(clippy::cast_precision_loss, reason = "a number of views")]
+        let mean = (depth + widest.iter().sum::<f64>()) / (widest.len() + 1) as f64;
+        enough.then(|| (widest.len(), self.position(pixel, mean)))
+    }
+
+    /// Sources whose nearest pixel has nearly the expected disparity; the mean of their points and the
+    /// reference's.
+    fn gipuma(&self, pixel: DVec2, depth: f64) -> Option<(usize, DVec3)> {
+        let view = &self.estimate.view;
+        let mut points = vec![self.position(pixel, depth)];
+        for (pair, source) in &self.sources {
+            let Some(projected) = pair.project(pixel, depth) else {
+                continue;
+            };
+            let place = projected.pixel.floor();
+            let size = DVec2::new(
+                f64::from(source.depth.width()),
+                f64::from(source.depth.height()),
+            );
+            if place.min_element() < 0.0 || place.x >= size.x || place.y >= size.y {
+                continue;
+            }
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "inside the map"
+            )]
+            let sampled = f64::from(source.depth.get(place.x as u32, place.y as u32));
+            let apart = view.pose.center_in_world() - source.view.pose.center_in_world();
+            let wide = view.camera.focal().x * apart.length();
+            let off = (wide / projected.depth - wide / sampled).abs();
+            if sampled > 0.0 && off < self.options.max_disparity_error {
+                let ray = source.view.camera.ray(projected.pixel);
+                points.push(source.view.pose.to_world(ray * sampled));
+            }
+        }
+        let agreeing = points.len() - 1;
+        #[allow(clippy::cast_precision_loss, reason = "a number of views")]
+        let mean = points.iter().sum::<DVec3>() / points.len() as f64;
+        (agreeing >= self.options.min_sources).then_some((agreeing, mean))
     }
 
     /// How many sources agree with `depth` at `pixel`, and the mean depth of all that do.

@@ -76,6 +76,8 @@ pub(super) struct Reference<'a> {
     pub(super) number: usize,
     pub(super) view: &'a View,
     pub(super) samples: Arc<Samples>,
+    /// The view's confidence where it was asked for already.
+    pub(super) confidence: Option<Raster<f32>>,
     pub(super) sources: Vec<Source>,
     pub(super) options: &'a FuseOptions,
     pub(super) rule: Rule,

@@ -151,34 +151,36 @@ pub(super) fn prepare(
     filters: Filters,
 ) -> Result<Samples> {
     let view = maps.view(index);
-    let depth = maps.depth(index)?;
-    check_size(view, depth.size(), "depth map")?;
     let mask = maps.mask(index)?;
     if let Some(mask) = &mask {
         check_size(view, mask.size(), "mask")?;
     }
     let filter = PixelFilter::new(view, options, mask);
     let unit = Unit::of(options);
-    let (width, height) = (depth.width() as usize, depth.height() as usize);
+    let size = (view.camera.width(), view.camera.height());
+    let (width, height) = (size.0 as usize, size.1 as usize);
     let mut values = bordered(width, height);
     let mut counts = FuseCounts {
-        pixels: depth.values().len() as u64,
+        pixels: (width * height) as u64,
         ..FuseCounts::default()
     };
-    let rows = inner_rows(&mut values, width).zip(depth.raster().rows());
-    for (row, (to, from)) in rows.enumerate() {
+    maps.depth_rows(index, &mut |row, from| {
+        let to = &mut values[(row + 1) * (width + 2) + 1..][..width];
         if filter.passes_all() {
             counts.empty += convert_row(unit, from, to);
-            continue;
+            return;
         }
         for (to, (pixel, &depth)) in to.iter_mut().zip((row * width..).zip(from)) {
             *to = filter.keep(pixel, unit, depth, &mut counts);
         }
-    }
-    let mut samples = Samples::from_bordered(depth.size(), unit, Arc::new(values));
+    })?;
+    let mut samples = Samples::from_bordered(size, unit, Arc::new(values));
     samples.left_out = counts;
     match filters {
-        Filters::All => keep_confident(samples, maps, index, options),
+        Filters::All => {
+            let confidence = confidence(maps, index)?;
+            Ok(keep_confident(samples, confidence.as_ref(), options))
+        }
         Filters::Depth => Ok(samples),
     }
 }
@@ -194,18 +196,17 @@ fn convert_row(unit: Unit, from: &[f32], to: &mut [f32]) -> u64 {
     u64::from(empty)
 }
 
-/// `samples` of the view at `index` through the last filter: without what has too little confidence
-/// or none.
+/// `samples` of a view of this `confidence` through the last filter: without what has too little of it or
+/// none.
 pub(super) fn keep_confident(
     mut samples: Samples,
-    maps: &dyn DepthMaps,
-    index: usize,
+    confidence: Option<&Raster<f32>>,
     options: &FuseOptions,
-) -> Result<Samples> {
-    let Some(confidence) = confidence(maps, index)? else {
-        return Ok(samples);
+) -> Samples {
+    let Some(confidence) = confidence else {
+        return samples;
     };
-    let least = threshold(&confidence, options);
+    let least = threshold(confidence, options);
     let width = samples.width;
     // Copies them where others use them too.
     let values = Arc::make_mut(&mut samples.values);
@@ -218,7 +219,7 @@ pub(super) fn keep_confident(
         }
         samples.left_out.unconfident += u64::from(unconfident);
     }
-    Ok(samples)
+    samples
 }
 
 /// A view's confidence, checked.

@@ -11,8 +11,8 @@ use super::{Context, check_out_file, run_file_beside};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::fuse::{
-    DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, MEMORY, MemoryScratch, PointSink,
-    Region, Scratch, VoxelSink, columns, fuse_maps,
+    CLUSTER_BYTES, DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, MEMORY, MemoryScratch,
+    PointSink, Region, Scratch, VoxelSink, columns, fuse_maps,
 };
 use crate::provenance::Run;
 use glam::DVec3;
@@ -227,7 +227,8 @@ fn read_prism(path: &Path) -> Result<Prism> {
 }
 
 /// In memory where two passes' maps take at most half of the budget, else in files beside the
-/// result; and what of the budget is left.
+/// result; and what of the budget is left. `cluster` asks for it only where its tiles do not fit into the
+/// budget.
 fn scratch(
     maps: &FolderMaps<'_>,
     mode: FuseMode,
@@ -236,6 +237,7 @@ fn scratch(
     let pixels = usize::try_from(maps.pixels()).unwrap_or(usize::MAX);
     let bytes = match mode {
         FuseMode::Hkust => pixels.saturating_mul(2 * size_of::<f32>()),
+        FuseMode::Cluster if pixels.saturating_mul(CLUSTER_BYTES) > budget => usize::MAX,
         _ => 0,
     };
     if bytes <= budget / 2 {

@@ -86,23 +86,31 @@ fn median_distance(scene: &SyntheticScene, points: &[DVec3]) -> f64 {
     distances[distances.len() / 2]
 }
 
-#[test]
-fn noisy_maps_fuse_to_the_same_bytes_at_any_number_of_threads() {
-    let scene = scene();
-    let folder = tempfile::tempdir().unwrap();
-    let job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+/// Fuses at several numbers of threads, with all maps in memory and with as few as can be.
+fn same_bytes(job: &mut FuseJob, mode: FuseMode) {
+    job.fuse = FuseOptions::of(mode);
     let mut first: Option<Vec<u8>> = None;
-    for threads in [1, 2, 8] {
-        let outcome = with_threads(threads, || fuse(&job, true)).unwrap().unwrap();
+    for (threads, memory) in [(1, None), (2, Some(0)), (8, None), (8, Some(1))] {
+        job.memory = memory;
+        let outcome = with_threads(threads, || fuse(job, true)).unwrap().unwrap();
         let bytes = std::fs::read(&job.out).unwrap();
         assert_eq!(outcome.counts.fused, outcome.points as u64);
         assert_eq!(outcome.counts.accounted(), outcome.counts.pixels);
         assert_eq!(
             first.get_or_insert_with(|| bytes.clone()),
             &bytes,
-            "{threads}"
+            "{mode:?} {threads} {memory:?}"
         );
     }
+}
+
+#[test]
+fn noisy_maps_fuse_to_the_same_bytes_at_any_number_of_threads_and_budget() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    same_bytes(&mut job, FuseMode::Cluster);
+    same_bytes(&mut job, FuseMode::Hkust);
     let cloud = files::read_cloud(&job.out).unwrap();
     assert!(cloud.len() > 20_000, "{}", cloud.len());
     assert!(

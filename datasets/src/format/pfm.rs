@@ -25,6 +25,16 @@ struct Header {
 /// Reads a PFM of either kind and endianness. The scale's magnitude is not applied. Values are as
 /// stored: they may be NaN or infinite.
 pub fn read(bytes: &[u8]) -> Result<Pfm, FormatError> {
+    let (header, body) = read_whole(bytes)?;
+    if header.big_endian {
+        values(&header, body, f32::from_be_bytes)
+    } else {
+        values(&header, body, f32::from_le_bytes)
+    }
+}
+
+/// Header and numbers of a file that has all of them.
+fn read_whole(bytes: &[u8]) -> Result<(Header, &[u8]), FormatError> {
     let (header, body) = read_header(bytes)?;
     let channels = if header.color { 3 } else { 1 };
     let expected = u128::from(header.width) * u128::from(header.height) * channels * 4;
@@ -37,11 +47,41 @@ pub fn read(bytes: &[u8]) -> Result<Pfm, FormatError> {
         );
         return Err(FormatError::new("data", problem));
     }
-    if header.big_endian {
-        values(&header, body, f32::from_be_bytes)
-    } else {
-        values(&header, body, f32::from_le_bytes)
+    Ok((header, body))
+}
+
+/// Calls `take(row, values)` for every row, from the top, of a one-channel PFM of this size, without
+/// holding more than one. Values are as stored; what `take` makes of them is overwritten by the next.
+pub fn gray_rows(
+    bytes: &[u8],
+    size: (u32, u32),
+    mut take: impl FnMut(usize, &mut [f32]),
+) -> Result<(), FormatError> {
+    let (header, body) = read_whole(bytes)?;
+    if header.color || (header.width, header.height) != size {
+        let problem = format!(
+            "expected one channel of {}x{}, found {} of {}x{}",
+            size.0,
+            size.1,
+            if header.color { "three" } else { "one" },
+            header.width,
+            header.height
+        );
+        return Err(FormatError::new("header", problem));
     }
+    let mut values = vec![0.0; size.0 as usize];
+    for (row, bytes) in body.rchunks_exact((4 * values.len()).max(1)).enumerate() {
+        let floats = bytes.as_chunks::<4>().0;
+        if header.big_endian {
+            let numbers = values.iter_mut().zip(floats);
+            numbers.for_each(|(to, four)| *to = f32::from_be_bytes(*four));
+        } else {
+            let numbers = values.iter_mut().zip(floats);
+            numbers.for_each(|(to, four)| *to = f32::from_le_bytes(*four));
+        }
+        take(row, &mut values);
+    }
+    Ok(())
 }
 
 /// The body's numbers; generic, so that `float` is part of the loop.
@@ -227,6 +267,34 @@ mod tests {
             .iter()
             .map(|value| value.to_bits())
             .collect()
+    }
+
+    #[test]
+    fn row_by_row_gives_what_the_whole_gives() {
+        let values: Vec<f32> = (0..12).map(|value| value as f32 - 3.5).collect();
+        let raster = Raster::from_values(4, 3, values).unwrap();
+        let mut little = Vec::new();
+        write_gray(&mut little, &raster).unwrap();
+        let header = b"Pf\n4 3\n1.0\n";
+        let body = little[little.len() - 48..].as_chunks::<4>().0.iter();
+        let swapped = body.flat_map(|four| four.iter().rev().copied().collect::<Vec<u8>>());
+        let big: Vec<u8> = header.iter().copied().chain(swapped).collect();
+        for bytes in [little.as_slice(), big.as_slice()] {
+            let mut rows = Vec::new();
+            gray_rows(bytes, (4, 3), |row, values| {
+                assert_eq!(row, rows.len() / 4);
+                rows.extend_from_slice(values);
+                values.fill(f32::NAN); // must not be seen again
+            })
+            .unwrap();
+            assert_eq!(rows, read_gray(bytes).unwrap().values());
+        }
+        let refused = |size| {
+            let rows = gray_rows(&little, size, |_, _| {});
+            rows.unwrap_err().to_string()
+        };
+        assert!(refused((3, 4)).contains("expected one channel of 3x4, found one of 4x3"));
+        assert!(gray_rows(&little[..50], (4, 3), |_, _| {}).is_err());
     }
 
     #[test]

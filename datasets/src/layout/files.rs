@@ -108,6 +108,25 @@ pub fn read_depth(path: &Path) -> Result<(DepthMap, RejectedDepths)> {
     Ok(DepthMap::clean(read_raster(path)?))
 }
 
+/// Calls `take(row, depths)` for every row, from the top, of a PFM depth map of this size.
+pub fn read_depth_rows(
+    path: &Path,
+    size: (u32, u32),
+    take: &mut dyn FnMut(usize, &[f32]),
+) -> Result<RejectedDepths> {
+    let mut all = RejectedDepths::default();
+    read_with(path, |bytes| {
+        format::pfm::gray_rows(bytes, size, |row, values| {
+            let rejected = DepthMap::clean_values(values);
+            all.nan += rejected.nan;
+            all.infinite += rejected.infinite;
+            all.negative += rejected.negative;
+            take(row, values);
+        })
+    })?;
+    Ok(all)
+}
+
 /// Reads a 4×4 similarity transform.
 pub fn read_similarity(path: &Path) -> Result<Similarity> {
     let matrix = read_text_with(path, format::transform::read)?;

@@ -2,7 +2,9 @@
 
 use super::files;
 use crate::error::{Error, Result};
-use std::io::Write;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Numbers written at a time.
@@ -60,6 +62,25 @@ impl ScratchFolder {
         })
     }
 
+    /// Puts the numbers in `range` of what was stored under `key` into `to`, in place of what it held.
+    ///
+    /// # Errors
+    /// Nothing stored there, and fewer numbers than asked for.
+    pub fn fetch_part(&self, key: u64, range: Range<usize>, to: &mut Vec<f32>) -> Result<()> {
+        let path = self.path(key);
+        let mut bytes = vec![0; 4 * range.len()];
+        File::open(&path)
+            .and_then(|mut file| {
+                file.seek(SeekFrom::Start(4 * range.start as u64))?;
+                file.read_exact(&mut bytes)
+            })
+            .map_err(Error::io(&path, "read"))?;
+        to.clear();
+        let values = bytes.as_chunks::<4>().0.iter();
+        to.extend(values.map(|four| f32::from_le_bytes(*four)));
+        Ok(())
+    }
+
     /// Forgets `key`.
     pub fn discard(&self, key: u64) -> Result<()> {
         let path = self.path(key);
@@ -77,6 +98,10 @@ mod tests {
         let scratch = ScratchFolder::beside(&parent.path().join("cloud.ply")).unwrap();
         scratch.store(3, &[1.5, -0.0, f32::MAX]).unwrap();
         assert_eq!(scratch.fetch(3).unwrap(), [1.5, -0.0, f32::MAX]);
+        let mut part = vec![7.0; 9];
+        scratch.fetch_part(3, 1..3, &mut part).unwrap();
+        assert_eq!(part, [-0.0, f32::MAX]);
+        assert!(scratch.fetch_part(3, 1..4, &mut part).is_err());
         scratch.discard(3).unwrap();
         assert!(scratch.fetch(3).is_err());
         drop(scratch);

@@ -81,11 +81,13 @@ impl Camera {
     }
 
     /// Image width in pixels.
+    #[inline]
     pub fn width(&self) -> u32 {
         self.width
     }
 
     /// Image height in pixels.
+    #[inline]
     pub fn height(&self) -> u32 {
         self.height
     }
@@ -111,6 +113,7 @@ impl Camera {
 
     /// Image coordinates of a point in the camera frame; `None` unless it lies in front (z > 0) and
     /// inside the lens's field.
+    #[inline]
     pub fn project(&self, point_in_cam: DVec3) -> Option<DVec2> {
         if point_in_cam.z <= 0.0 || point_in_cam.z.is_nan() {
             return None;
@@ -130,6 +133,7 @@ impl Camera {
     /// The point in the camera frame at z-depth 1 that projects to `pixel`; multiply by a z-depth
     /// to reach any other point of the ray. Without distortion every pixel has one; where a lens
     /// has none, x and y are NaN.
+    #[inline]
     pub fn ray(&self, pixel: DVec2) -> DVec3 {
         let seen = DVec2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
         self.distortion
@@ -273,16 +277,19 @@ impl Pose {
     }
 
     /// A world point in the camera frame.
+    #[inline]
     pub fn to_cam(&self, point_in_world: DVec3) -> DVec3 {
         self.rotation * point_in_world + self.translation
     }
 
     /// A point of the camera frame in the world.
+    #[inline]
     pub fn to_world(&self, point_in_cam: DVec3) -> DVec3 {
         self.inverse_rotation * (point_in_cam - self.translation)
     }
 
     /// A direction of the camera frame in the world.
+    #[inline]
     pub fn direction_to_world(&self, direction_in_cam: DVec3) -> DVec3 {
         self.inverse_rotation * direction_in_cam
     }

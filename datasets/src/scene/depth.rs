@@ -28,15 +28,21 @@ impl RejectedDepths {
 impl DepthMap {
     /// A depth map from raw values; NaN, infinities and negatives become 0 and are counted.
     pub fn clean(mut raw: Raster<f32>) -> (Self, RejectedDepths) {
+        let rejected = Self::clean_values(raw.values_mut());
+        (Self(raw), rejected)
+    }
+
+    /// Makes depths of raw values as [`DepthMap::clean`] does.
+    pub fn clean_values(values: &mut [f32]) -> RejectedDepths {
         let mut rejected = RejectedDepths::default();
         // The bits of 0 and of all finite values above it are below those of infinity. Nearly all
         // maps have nothing else, and are told so eight values at a time.
         let is_depth = |value: f32| value.to_bits() < f32::INFINITY.to_bits();
-        let odd = raw.values().iter();
-        if !odd.fold(false, |odd, &value| odd | !is_depth(value)) {
-            return (Self(raw), rejected);
+        let any = values.iter();
+        if !any.fold(false, |odd, &value| odd | !is_depth(value)) {
+            return rejected;
         }
-        for value in raw.values_mut() {
+        for value in values {
             if is_depth(*value) {
                 continue;
             }
@@ -49,7 +55,7 @@ impl DepthMap {
             }
             *value = 0.0;
         }
-        (Self(raw), rejected)
+        rejected
     }
 
     /// A depth map from `width * height` values, row-major from the top-left pixel.

@@ -11,7 +11,8 @@ use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_datasets::layout::workspace::Workspace;
-use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -151,17 +152,22 @@ impl DepthMaps for FolderMaps<'_> {
             Encoding::Pfm => files::read_depth(path)?,
             Encoding::Dense => DepthMap::clean(files::read_with(path, dense::read_gray)?),
         };
-        if rejected.total() > 0 {
-            let message = format!(
-                "{}: {} NaN, {} infinite and {} negative depths count as none",
-                path.display(),
-                rejected.nan,
-                rejected.infinite,
-                rejected.negative
-            );
-            self.warnings.add("bad-depth", message);
-        }
+        self.warn_of(path, rejected);
         Ok(depth)
+    }
+
+    fn depth_rows(&self, index: usize, take: &mut dyn FnMut(usize, &[f32])) -> Result<()> {
+        let Entry { view, depth, .. } = &self.entries[index];
+        let size = (view.camera.width(), view.camera.height());
+        match self.entries[index].encoding {
+            Encoding::Pfm => self.warn_of(depth, files::read_depth_rows(depth, size, take)?),
+            Encoding::Dense => {
+                let rows = self.depth(index)?;
+                let rows = rows.raster().rows().enumerate();
+                rows.for_each(|(row, depths)| take(row, depths));
+            }
+        }
+        Ok(())
     }
 
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
@@ -237,6 +243,20 @@ fn smaller(mut least: Raster<f32>, other: &Raster<f32>) -> Raster<f32> {
 }
 
 impl FolderMaps<'_> {
+    fn warn_of(&self, path: &Path, rejected: RejectedDepths) {
+        if rejected.total() == 0 {
+            return;
+        }
+        let message = format!(
+            "{}: {} NaN, {} infinite and {} negative depths count as none",
+            path.display(),
+            rejected.nan,
+            rejected.infinite,
+            rejected.negative
+        );
+        self.warnings.add("bad-depth", message);
+    }
+
     /// The place among all views of the scene of the view number `index`.
     pub(super) fn number(&self, index: usize) -> u32 {
         self.entries[index].number
@@ -267,6 +287,10 @@ impl Scratch for FileScratch {
 
     fn fetch(&self, key: u64) -> Result<Arc<Vec<f32>>> {
         Ok(Arc::new(self.0.fetch(key)?))
+    }
+
+    fn fetch_part(&self, key: u64, range: Range<usize>, to: &mut Vec<f32>) -> Result<()> {
+        Ok(self.0.fetch_part(key, range, to)?)
     }
 
     fn discard(&self, key: u64) -> Result<()> {
