@@ -130,10 +130,12 @@ fn read_view(path: &Path, id: u32, options: &CamsOptions) -> Result<View> {
 fn view_of(cam: &CamFile, id: u32, options: &CamsOptions) -> Result<View, FormatError> {
     let pose = Pose::from_matrix(cam.extrinsic).map_err(FormatError::at("extrinsic"))?;
     let camera = camera_of(&cam.intrinsic, options).map_err(FormatError::at("intrinsic"))?;
-    // Foreign files have a depth of 0 where none is known: that is no range.
-    let depth_range = cam
-        .depth_range()
-        .and_then(|(min, max)| DepthRange::new(min, max).ok());
+    let depth_range = match cam.depth_range() {
+        // Foreign files have 0 (or less) where no depth is known: that is no range.
+        Some((min, _)) if min <= 0.0 => None,
+        Some((min, max)) => Some(DepthRange::new(min, max).map_err(FormatError::at("depth line"))?),
+        None => None,
+    };
     Ok(View {
         id,
         name: String::new(),
@@ -312,6 +314,22 @@ mod tests {
     }
 
     #[test]
+    fn a_depth_of_0_and_less_is_no_range() {
+        for smallest in ["0 ", "-0.7 "] {
+            let root = tempfile::tempdir().unwrap();
+            write_all(root.path(), PixelCentre::Half);
+            replace(&root.path().join("00000007_cam.txt"), "0.7 ", smallest);
+            let scene = read_scene(root.path(), &CamsOptions::default()).unwrap();
+            let with = |view: &View| (view.id, view.depth_range.is_some());
+            let with: Vec<(u32, bool)> = scene.views().iter().map(with).collect();
+            assert!(
+                with.contains(&(7, false)) && with.iter().any(|view| view.1),
+                "{with:?}"
+            );
+        }
+    }
+
+    #[test]
     fn broken_cams_are_said_with_file_and_place() {
         for (from, to, expected) in [
             (
@@ -337,7 +355,7 @@ mod tests {
             ),
             (
                 "0.7 ",
-                "-0.7 ",
+                "900.7 ",
                 "00000007_cam.txt: depth line: depth range: expected 0 < min",
             ),
             (

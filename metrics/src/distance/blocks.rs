@@ -211,6 +211,12 @@ impl BlockIndex {
     /// As [`BlockIndex::distances`], but where the nearest point is not nearer than `bound` the
     /// distance is infinite: the search stops there.
     pub fn distances_below(&self, queries: &[DVec3], bound: f64) -> Vec<f64> {
+        if u32::try_from(queries.len()).is_err() {
+            let parts = queries.chunks(u32::MAX as usize);
+            return parts
+                .flat_map(|part| self.distances_below(part, bound))
+                .collect();
+        }
         let is_finite = |&index: &u32| queries[index as usize].is_finite();
         let kept: Vec<u32> = (0..queries.len() as u32).filter(is_finite).collect();
         if kept.len() == queries.len() {
