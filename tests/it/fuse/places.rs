@@ -1,6 +1,7 @@
 //! Where the job reads and writes: sizes, repeats, what is missing, what is kept.
 
 use super::*;
+use crate::support::write;
 
 /// What the job warns of, by code.
 fn codes(job: &FuseJob) -> (mvs_eval::Result<FuseOutcome>, Vec<String>) {
@@ -112,7 +113,7 @@ fn files_beside_the_result_are_kept_too() {
     job.out = folder.path().join("notes.ply");
     for beside in ["notes.json", "notes.run.toml"] {
         let path = folder.path().join(beside);
-        std::fs::write(&path, "mine").unwrap();
+        write(&path, "mine");
         refused(&job, &[beside, "--force"]);
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "mine");
         std::fs::remove_file(&path).unwrap();
@@ -164,7 +165,7 @@ fn what_is_missing_is_said() {
     // A range from 0 is none; it matters only where depths are to be kept inside ranges.
     let cam = std::fs::read_to_string(path("cams", "_cam.txt")).unwrap();
     let (rest, _) = cam.trim_end().rsplit_once('\n').unwrap();
-    std::fs::write(path("cams", "_cam.txt"), format!("{rest}\n0 0.01 128 3\n")).unwrap();
+    write(&path("cams", "_cam.txt"), format!("{rest}\n0 0.01 128 3\n"));
     let (outcome, warned) = codes(&job);
     let all = outcome.unwrap().points;
     assert_eq!(warned, ["missing-image"]);

@@ -130,7 +130,8 @@ fn what_does_not_go_together_gets_a_sentence() {
         ..job.clone()
     };
     assert!(said(scene).starts_with("--scene: "));
-    let changed: [(&str, fn(&mut ScoreJob)); 7] = [
+    type Change = (&'static str, fn(&mut ScoreJob));
+    let changed: [Change; 7] = [
         ("--refine", |job| job.refine = true),
         ("--profile", |job| job.profile = Profile::Official),
         ("--seeds", |job| job.seeds = 3),

@@ -177,10 +177,10 @@ fn convert_some(
 /// The means of two by two pixels; halves are rounded down and up in turns.
 #[inline(always)]
 fn halve((above, below): (&Row, &Row), out: &mut [u8; WIDTH]) {
-    for i in 0..WIDTH {
+    for (i, out) in out.iter_mut().enumerate() {
         let (left, right) = (2 * i, 2 * i + 1);
         let sum = [above[left], above[right], below[left], below[right]].map(u16::from);
         let sum = sum[0] + sum[1] + sum[2] + sum[3];
-        out[i] = ((sum + 1 + (i & 1) as u16) >> 2) as u8;
+        *out = ((sum + 1 + (i & 1) as u16) >> 2) as u8;
     }
 }

@@ -67,7 +67,7 @@ const PAIRS: [Mutation; 15] = [
             sources(
                 s,
                 "11 1 19 2 18 3 17 4 16 5 15 6 14 7 13 8 12 9 11 10 10 11 9",
-            )
+            );
         },
         "source-count",
     ),
@@ -221,7 +221,7 @@ const CONTENT: [Mutation; 17] = [
         |s| {
             std::fs::copy(s.blended().image(3), s.blended().masked_image(3))
                 .map(drop)
-                .unwrap()
+                .unwrap();
         },
         "missing-mask",
     ),
