@@ -7,7 +7,7 @@ The maps are real estimates of a commercial photogrammetry program, a quarter of
 integer pixel centres and without confidence. The truth is 3,000,000 area-uniform samples of the scene's
 mesh, which was made from these very maps: precision says whether fusion keeps what the mesh keeps, not
 whether the maps are right. The mesh has holes and stands on ground it does not cover, so both clouds are
-cropped to the mesh's bounds grown by one tau. Scores by `mvs-eval score`, voxels of tau/2. Needs trimesh.
+cropped to the mesh's bounds grown by 0.01. Scores by `mvs-eval score`, voxels of tau/2. Needs trimesh.
 """
 
 import argparse
