@@ -1,6 +1,6 @@
 //! Rendering + photograph → blended image: the photograph's light, the rendering's detail.
 //!
-//! The blend of the BlendedMVS paper (Yao et al. 2020, section 3.3): low frequencies of the
+//! The blend of the BlendedMVS paper (Yao et al. 2020): low frequencies of the
 //! photograph, high frequencies of the rendering, so that the light is real and every detail agrees
 //! with the rendered depth.
 

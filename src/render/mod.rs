@@ -267,8 +267,9 @@ impl<'m> Renderer<'m> {
         visible.map(Hit::from)
     }
 
-    /// As [`Self::first_hit`] for many rays from one point, in their order. Rays that lie next to
-    /// each other in `directions` should point alike: neighbours are traced together.
+    /// As [`Self::first_hit`] for many rays from one point, in their order, ray by ray on all
+    /// threads. Rays that lie next to each other in `directions` should point alike: what one of them
+    /// reads is then still near for the next.
     pub fn first_hits(
         &self,
         origin: DVec3,
