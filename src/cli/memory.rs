@@ -149,6 +149,14 @@ mod pages {
         }
     }
 
+    /// A buffer of the system's that was counted before it was there: no longer where it is null.
+    fn counted(at: *mut u8, layout: Layout) -> *mut u8 {
+        if at.is_null() {
+            ended(layout);
+        }
+        at
+    }
+
     fn failed(at: *mut c_void) -> bool {
         at.addr() == usize::MAX
     }
@@ -215,6 +223,17 @@ mod pages {
         size / CHUNK * CHUNK
     }
 
+    /// A new mapping, or null, and how many of its first bytes hold what was in kept chunks; the others
+    /// are 0.
+    fn mapped(size: usize) -> (*mut u8, usize) {
+        let at = map(size);
+        if at.is_null() {
+            return (at, 0);
+        }
+        // SAFETY: just made.
+        (at, unsafe { fill(at, size) })
+    }
+
     /// Keeps whole chunks; gives back those for which there is no room.
     ///
     /// # Safety
@@ -240,37 +259,25 @@ mod pages {
     // came from. Mappings have the size asked for or more, at a multiple of 2 MiB.
     unsafe impl GlobalAlloc for Pages {
         unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-            if !is_to_be_mapped(layout) {
-                // SAFETY: as the caller has it.
-                let at = unsafe { System.alloc(layout) };
-                if at.is_null() {
-                    ended(layout);
-                }
-                return at;
+            if is_to_be_mapped(layout) {
+                return mapped(layout.size()).0;
             }
-            let at = map(layout.size());
-            if !at.is_null() {
-                // SAFETY: just made.
-                unsafe { fill(at, layout.size()) };
-            }
-            at
+            // SAFETY: as the caller has it.
+            counted(unsafe { System.alloc(layout) }, layout)
         }
 
         unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-            if !is_to_be_mapped(layout) {
-                // SAFETY: as the caller has it.
-                let at = unsafe { System.alloc_zeroed(layout) };
-                if at.is_null() {
-                    ended(layout);
+            if is_to_be_mapped(layout) {
+                let (at, used) = mapped(layout.size());
+                if used == 0 {
+                    return at;
                 }
+                // SAFETY: just made, and no longer than it.
+                unsafe { at.write_bytes(0, used) };
                 return at;
             }
-            let at = map(layout.size());
-            if !at.is_null() {
-                // SAFETY: just made; what was kept is overwritten.
-                unsafe { at.write_bytes(0, fill(at, layout.size())) };
-            }
-            at
+            // SAFETY: as the caller has it.
+            counted(unsafe { System.alloc_zeroed(layout) }, layout)
         }
 
         unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {

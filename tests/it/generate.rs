@@ -17,6 +17,23 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+/// A scene to generate, with exact source views and without notes.
+fn source_of<'a>(
+    (name, id): (&'a str, &'a str),
+    (mesh, views): (&'a Mesh, &'a [View]),
+    photographs: &'a dyn Photographs,
+) -> Source<'a> {
+    Source {
+        name,
+        id,
+        mesh,
+        views,
+        photographs,
+        notes: &[],
+        sources: None,
+    }
+}
+
 /// A synthetic scene that lights its renderings, and counts how often it is asked to.
 struct Lit {
     scene: SyntheticScene,
@@ -40,15 +57,8 @@ impl Lit {
     fn generate(&self, folder: &Path, options: &GenerateOptions) -> Warnings {
         let warnings = Warnings::default();
         let id = scene_id("synthetic");
-        let source = Source {
-            name: "synthetic",
-            id: &id,
-            mesh: self.scene.mesh(),
-            views: self.scene.scene().views(),
-            photographs: self,
-            notes: &[],
-            sources: None,
-        };
+        let surface = (self.scene.mesh(), self.scene.scene().views());
+        let source = source_of(("synthetic", &id), surface, self);
         let folder = BlendedFolder::new(folder);
         generate(&source, &folder, options, &Silent, &warnings).unwrap();
         warnings
@@ -248,15 +258,8 @@ fn a_view_that_sees_nothing_is_left_out_and_named() {
     views[2].pose =
         mvs_datasets::scene::Pose::looking_at(away, away * 2.0, glam::DVec3::new(0.1, 0.2, 1.0))
             .unwrap();
-    let source = Source {
-        name: "n",
-        id: &scene_id("n"),
-        mesh: lit.scene.mesh(),
-        views: &views,
-        photographs: &lit,
-        notes: &[],
-        sources: None,
-    };
+    let id = scene_id("n");
+    let source = source_of(("n", &id), (lit.scene.mesh(), &views), &lit);
     let warnings = Warnings::default();
     let options = draft();
     let read = BlendedFolder::new(folder.path());
@@ -290,15 +293,8 @@ fn a_view_without_surface_in_one_of_the_sets_is_left_out_of_all() {
         assert!(turned < 10.0);
     }
     assert!(full(&views[2]) > 0.0);
-    let source = Source {
-        name: "n",
-        id: &scene_id("n"),
-        mesh: lit.scene.mesh(),
-        views: &views,
-        photographs: &Plain,
-        notes: &[],
-        sources: None,
-    };
+    let id = scene_id("n");
+    let source = source_of(("n", &id), (lit.scene.mesh(), &views), &Plain);
     let target = |name: &str, size| Target {
         folder: BlendedFolder::new(folder.path().join(name)),
         size: Some(size),
@@ -357,15 +353,12 @@ fn a_photograph_exchanged_during_the_run_is_used_next_time() {
     let folder = tempfile::tempdir().unwrap();
     let lit = Lit::new();
     let photographs = Exchanged(AtomicUsize::new(0));
-    let source = Source {
-        name: "n",
-        id: &scene_id("n"),
-        mesh: lit.scene.mesh(),
-        views: lit.scene.scene().views(),
-        photographs: &photographs,
-        notes: &[],
-        sources: None,
-    };
+    let id = scene_id("n");
+    let source = source_of(
+        ("n", &id),
+        (lit.scene.mesh(), lit.scene.scene().views()),
+        &photographs,
+    );
     let read = BlendedFolder::new(folder.path());
     for expected in [1, 2, 2] {
         generate(&source, &read, &draft(), &Silent, &Warnings::default()).unwrap();
@@ -389,15 +382,8 @@ fn what_readers_and_users_stumble_over_is_a_warning() {
     };
     let triangles = mesh.triangles().iter().copied().enumerate().map(wound);
     let turned = Mesh::new(mesh.vertices().to_vec(), triangles.collect()).unwrap();
-    let source = Source {
-        name: "n",
-        id: &scene_id("n"),
-        mesh: &turned,
-        views: &views,
-        photographs: &Plain,
-        notes: &[],
-        sources: None,
-    };
+    let id = scene_id("n");
+    let source = source_of(("n", &id), (&turned, &views), &Plain);
     let read = BlendedFolder::new(folder.path());
     let warnings = Warnings::default();
     let record = generate(&source, &read, &draft(), &Silent, &warnings).unwrap();
@@ -435,15 +421,12 @@ fn a_size_is_reached_by_scaling_and_cutting_and_depth_is_rendered_there() {
         }
     }
     let photographs = Full(&lit);
-    let source = Source {
-        name: "n",
-        id: &scene_id("n"),
-        mesh: lit.scene.mesh(),
-        views: lit.scene.scene().views(),
-        photographs: &photographs,
-        notes: &[],
-        sources: None,
-    };
+    let id = scene_id("n");
+    let source = source_of(
+        ("n", &id),
+        (lit.scene.mesh(), lit.scene.scene().views()),
+        &photographs,
+    );
     let read = BlendedFolder::new(folder.path());
     generate(&source, &read, &options, &Silent, &Warnings::default()).unwrap();
     let scene = read.read_scene(None).unwrap();

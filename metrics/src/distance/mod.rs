@@ -8,7 +8,9 @@ pub(crate) mod hilbert;
 mod oracle;
 mod packing;
 mod pairs;
+mod partners;
 mod search;
+mod sums;
 mod together;
 mod wide;
 
@@ -16,7 +18,8 @@ pub use blocks::BlockIndex;
 pub use oracle::NearestIndex;
 pub use packing::Coordinate;
 pub use pairs::Source;
-pub(crate) use pairs::{PairSums, Tracker};
+pub(crate) use pairs::Tracker;
+pub(crate) use sums::PairSums;
 
 use crate::error::{Error, Result};
 use glam::DVec3;

@@ -11,7 +11,9 @@
 
 use super::blocks::{Block, BlockIndex, Corners, LANES, NOWHERE, around};
 use super::packing::{Coordinate, Keep, Packing, Place, pack};
+use super::partners::{Closest, NONE, Nearest};
 use super::search::{Found, joined, smaller, square_of, squares};
+use super::sums::{LaneSums, PairSums, squared_distance_at};
 use super::together::{Neighbourhood, TOGETHER};
 use super::wide::{self, Registers, Width};
 use super::{Listed, Take};
@@ -27,39 +29,6 @@ const BEYOND: f64 = 1.05;
 const SAFETY: f64 = 1.0 - 1e-6;
 /// Motions before the distance of all others is kept too.
 const COARSE: usize = 2;
-/// No partner.
-const NONE: u32 = u32::MAX;
-
-/// Sums over pairs; positions are taken about a centre.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct PairSums {
-    /// Pairs nearer than the maximal distance.
-    pub(crate) pairs: usize,
-    /// Σ |target − source|².
-    pub(crate) squares: f64,
-    /// Σ source.
-    pub(crate) source: DVec3,
-    /// Σ target.
-    pub(crate) target: DVec3,
-    /// Σ target sourceᵀ, by columns of the source axis.
-    pub(crate) cross: [DVec3; 3],
-    /// Σ |source|².
-    pub(crate) source_squares: f64,
-}
-
-impl PairSums {
-    fn join(mut self, other: &Self) -> Self {
-        self.pairs += other.pairs;
-        self.squares += other.squares;
-        self.source += other.source;
-        self.target += other.target;
-        for (column, other) in self.cross.iter_mut().zip(other.cross) {
-            *column += other;
-        }
-        self.source_squares += other.source_squares;
-        self
-    }
-}
 
 /// Source points on their way, and the targets that they are paired with.
 pub(crate) struct Tracker<'a, C> {
@@ -423,161 +392,6 @@ impl Group {
             }
         }
         stale
-    }
-}
-
-#[inline(always)]
-fn squared_distance_at(a: &Block, b: &Block, lane: usize) -> f64 {
-    square_of(
-        a.x[lane] - b.x[lane],
-        a.y[lane] - b.y[lane],
-        a.z[lane] - b.z[lane],
-    )
-}
-
-/// [`PairSums`], lane by lane: the same at any width of registers.
-#[derive(Default)]
-struct LaneSums {
-    pairs: usize,
-    squares: [f64; LANES],
-    source: Block3,
-    target: Block3,
-    cross: [Block3; 3],
-    source_squares: [f64; LANES],
-}
-
-/// Three columns of sums.
-type Block3 = [[f64; LANES]; 3];
-
-impl LaneSums {
-    /// Adds the pairs of the first lanes whose square is below the bound.
-    #[inline(always)]
-    fn add(&mut self, at: &Block, partners: &Block, lanes: usize, bound: f64, centre: DVec3) {
-        for lane in 0..LANES {
-            let square = squared_distance_at(at, partners, lane);
-            let paired = square < bound && lane < lanes;
-            let or_zero = |value: f64| if paired { value } else { 0.0 };
-            self.pairs += usize::from(paired);
-            self.squares[lane] += or_zero(square);
-            let source = [
-                or_zero(at.x[lane] - centre.x),
-                or_zero(at.y[lane] - centre.y),
-                or_zero(at.z[lane] - centre.z),
-            ];
-            let target = [
-                or_zero(partners.x[lane] - centre.x),
-                or_zero(partners.y[lane] - centre.y),
-                or_zero(partners.z[lane] - centre.z),
-            ];
-            for row in 0..3 {
-                self.source[row][lane] += source[row];
-                self.target[row][lane] += target[row];
-                for column in 0..3 {
-                    self.cross[column][row][lane] += target[row] * source[column];
-                }
-            }
-            self.source_squares[lane] += square_of(source[0], source[1], source[2]);
-        }
-    }
-
-    fn total(&self) -> PairSums {
-        let sum = |lanes: &[f64; LANES]| lanes.iter().sum::<f64>();
-        let vector = |rows: &Block3| DVec3::new(sum(&rows[0]), sum(&rows[1]), sum(&rows[2]));
-        PairSums {
-            pairs: self.pairs,
-            squares: sum(&self.squares),
-            source: vector(&self.source),
-            target: vector(&self.target),
-            cross: [
-                vector(&self.cross[0]),
-                vector(&self.cross[1]),
-                vector(&self.cross[2]),
-            ],
-            source_squares: sum(&self.source_squares),
-        }
-    }
-}
-
-/// Per lane the squared distance of the nearest target found or the bound that it came with, and the
-/// number of its block, or [`NONE`].
-#[derive(Clone, Copy)]
-struct Closest {
-    best: [f64; LANES],
-    block: [u32; LANES],
-}
-
-impl Closest {
-    const NOTHING: Self = Self {
-        best: [0.0; LANES],
-        block: [NONE; LANES],
-    };
-}
-
-impl Found for Closest {
-    #[inline(always)]
-    fn bounds(&self) -> &[f64; LANES] {
-        &self.best
-    }
-
-    #[inline(always)]
-    fn meet(&mut self, width: impl Width, number: usize, block: &Block, lane: usize, query: DVec3) {
-        let least = width.least(block, query, self.best[lane]);
-        let nearer = least < self.best[lane];
-        self.block[lane] = if nearer {
-            number as u32
-        } else {
-            self.block[lane]
-        };
-        self.best[lane] = least;
-    }
-}
-
-/// Per lane the nearest target found, and how far away all others are at least, squared.
-#[derive(Clone, Copy)]
-struct Nearest {
-    best: [f64; LANES],
-    /// Its place in the index's blocks.
-    partner: [u32; LANES],
-    /// 0 where nothing is asked for.
-    second: [f64; LANES],
-}
-
-impl Nearest {
-    const NOTHING: Self = Self {
-        best: [f64::INFINITY; LANES],
-        partner: [NONE; LANES],
-        second: [0.0; LANES],
-    };
-}
-
-impl Found for Nearest {
-    #[inline(always)]
-    fn bounds(&self) -> &[f64; LANES] {
-        &self.second
-    }
-
-    #[inline(always)]
-    fn meet(&mut self, _: impl Width, number: usize, block: &Block, lane: usize, query: DVec3) {
-        let squares = squares(block, query);
-        let (mut best, mut second) = (self.best[lane], self.second[lane]);
-        let mut bits = [0u64; LANES];
-        for k in 0..LANES {
-            bits[k] = if squares[k] < second { 1 << k } else { 0 };
-        }
-        let mut near = joined(&bits);
-        while near != 0 {
-            let k = near.trailing_zeros() as usize % LANES;
-            let square = squares[k];
-            if square < best {
-                second = smaller(best, second);
-                best = square;
-                self.partner[lane] = (number * LANES + k) as u32;
-            } else {
-                second = smaller(square, second);
-            }
-            near &= near - 1;
-        }
-        (self.best[lane], self.second[lane]) = (best, second);
     }
 }
 

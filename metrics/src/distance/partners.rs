@@ -1,0 +1,96 @@
+//! What a search for partners remembers, lane by lane.
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one index runs over several columns"
+)]
+
+use super::blocks::{Block, LANES};
+use super::search::{Found, joined, smaller, squares};
+use super::wide::Width;
+use glam::DVec3;
+
+/// No partner.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// Per lane the squared distance of the nearest target found or the bound that it came with, and the
+/// number of its block, or [`NONE`].
+#[derive(Clone, Copy)]
+pub(super) struct Closest {
+    pub(super) best: [f64; LANES],
+    pub(super) block: [u32; LANES],
+}
+
+impl Closest {
+    pub(super) const NOTHING: Self = Self {
+        best: [0.0; LANES],
+        block: [NONE; LANES],
+    };
+}
+
+impl Found for Closest {
+    #[inline(always)]
+    fn bounds(&self) -> &[f64; LANES] {
+        &self.best
+    }
+
+    #[inline(always)]
+    fn meet(&mut self, width: impl Width, number: usize, block: &Block, lane: usize, query: DVec3) {
+        let least = width.least(block, query, self.best[lane]);
+        let nearer = least < self.best[lane];
+        self.block[lane] = if nearer {
+            number as u32
+        } else {
+            self.block[lane]
+        };
+        self.best[lane] = least;
+    }
+}
+
+/// Per lane the nearest target found, and how far away all others are at least, squared.
+#[derive(Clone, Copy)]
+pub(super) struct Nearest {
+    pub(super) best: [f64; LANES],
+    /// Its place in the index's blocks.
+    pub(super) partner: [u32; LANES],
+    /// 0 where nothing is asked for.
+    pub(super) second: [f64; LANES],
+}
+
+impl Nearest {
+    pub(super) const NOTHING: Self = Self {
+        best: [f64::INFINITY; LANES],
+        partner: [NONE; LANES],
+        second: [0.0; LANES],
+    };
+}
+
+impl Found for Nearest {
+    #[inline(always)]
+    fn bounds(&self) -> &[f64; LANES] {
+        &self.second
+    }
+
+    #[inline(always)]
+    fn meet(&mut self, _: impl Width, number: usize, block: &Block, lane: usize, query: DVec3) {
+        let squares = squares(block, query);
+        let (mut best, mut second) = (self.best[lane], self.second[lane]);
+        let mut bits = [0u64; LANES];
+        for k in 0..LANES {
+            bits[k] = if squares[k] < second { 1 << k } else { 0 };
+        }
+        let mut near = joined(&bits);
+        while near != 0 {
+            let k = near.trailing_zeros() as usize % LANES;
+            let square = squares[k];
+            if square < best {
+                second = smaller(best, second);
+                best = square;
+                self.partner[lane] = (number * LANES + k) as u32;
+            } else {
+                second = smaller(square, second);
+            }
+            near &= near - 1;
+        }
+        (self.best[lane], self.second[lane]) = (best, second);
+    }
+}
