@@ -11,6 +11,7 @@ pub mod error;
 pub mod format;
 pub mod layout;
 mod mapped;
+mod parallel;
 pub mod scene;
 pub mod synthetic;
 

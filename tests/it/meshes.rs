@@ -3,7 +3,7 @@
 use crate::support::real_data;
 use glam::{DVec2, DVec3};
 use mvs_datasets::layout::files::write_atomically;
-use mvs_datasets::layout::mesh::{LoadedMesh, read_meshes};
+use mvs_datasets::layout::mesh::{LoadedMesh, ReadOptions, read_meshes, read_meshes_with};
 use mvs_datasets::scene::{Camera, ColorImage, Pose, View};
 use mvs_eval::render::{RenderOptions, Renderer};
 use std::io::Write;
@@ -175,6 +175,55 @@ fn colored_and_plain_files_join() {
     assert_eq!((colors[0], colors[3]), ([0, 0, 255], [255, 0, 0]));
     let other_way = read(&[&path.join("b.obj"), &path.join("a.obj")]).mesh;
     assert_eq!(other_way.vertex_colors().unwrap()[5], [0, 0, 255]);
+}
+
+#[test]
+fn threads_read_tiles_to_the_same_mesh_and_the_same_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let colors = [[[10, 20, 30]; 4], [[200, 100, 0]; 4]];
+    put_board(path, &colors);
+    for tile in 2..9 {
+        let text = std::fs::read_to_string(path.join("tile_0.obj")).unwrap();
+        put(
+            path,
+            &format!("tile_{tile}.obj"),
+            &text.replace(" 2\n", &format!(" {tile}\n")),
+        );
+    }
+    put(
+        path,
+        "tile_a.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 9 1 2 3\n1 0 9 4 5 6\n0 1 9 7 8 9\n3 0 1 2\n",
+    );
+    let read = |threads: usize| {
+        let options = ReadOptions {
+            threads,
+            ..ReadOptions::default()
+        };
+        read_meshes_with(&[path.to_path_buf()], &options)
+    };
+    let alone = read(1).unwrap();
+    assert_eq!(alone.mesh.triangles().len(), 9 * 8 + 1);
+    assert_eq!(alone.mesh.vertices()[16 * 9 - 1], DVec3::new(1.0, 0.0, 8.0));
+    assert_eq!(alone.mesh.vertex_colors().unwrap().last(), Some(&[7, 8, 9]));
+    for threads in [0, 2, 8] {
+        let together = read(threads).unwrap();
+        assert!(together.mesh == alone.mesh, "{threads} threads");
+        assert_eq!(
+            (&together.notes, &together.files),
+            (&alone.notes, &alone.files)
+        );
+    }
+    put(path, "tile_3.obj", "v 0 0 0\nv 1 x 0\n");
+    put(path, "tile_2.obj", "v 0 0 0\n\nf 1 2 3\n");
+    for threads in [0, 1, 2, 8] {
+        let error = read(threads).unwrap_err().to_string();
+        assert!(
+            error.contains("tile_2.obj") && error.contains("line 3"),
+            "{threads} threads: {error}"
+        );
+    }
 }
 
 #[test]

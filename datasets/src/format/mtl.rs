@@ -1,6 +1,6 @@
 //! MTL: the materials of OBJ files. Only what shows is read: `Kd`, `map_Kd` and `map_d`.
 
-use super::obj::{fields, lines, rest_of_line};
+use super::obj::{fields, lines, plain, rest_of_line};
 use crate::error::FormatError;
 use glam::Vec2;
 
@@ -32,7 +32,7 @@ pub struct MtlTexture {
 /// Reads all materials in order. Statements before the first `newmtl` and unknown ones are skipped.
 pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
     let mut materials: Vec<MtlMaterial> = Vec::new();
-    for (number, line) in lines(bytes)? {
+    for (number, line) in lines(plain(bytes)?) {
         let keyword = fields(&line)
             .next()
             .unwrap_or_default()

@@ -1,16 +1,14 @@
 //! Meshes with their materials and textures, from one or many files.
 
-use super::files::read_with;
-use super::materials::{self, Draft, Library};
-use super::textures::Use;
+mod join;
+mod part;
+
+use super::materials::Library;
 use crate::error::{Error, Result};
-use crate::format::gltf::{self, GltfImage};
-use crate::format::obj::{ObjFile, read_obj};
-use crate::format::ply::{PlyMesh, read_mesh};
-use crate::scene::{Corner, Material, Mesh};
-use glam::{DVec3, Vec2};
-use std::cell::RefCell;
-use std::collections::BTreeSet;
+use crate::parallel;
+use crate::scene::Mesh;
+use join::Joined;
+use part::Contents;
 use std::path::{Path, PathBuf};
 
 /// A mesh, and what was odd about its files (a missing texture, say), one sentence each.
@@ -28,12 +26,16 @@ pub struct LoadedMesh {
 /// The memory that decoded textures may take unless said otherwise: 6 GiB.
 pub const TEXTURE_BYTES: u64 = 6 << 30;
 
+/// Bytes from which a file is read by all threads, and not beside others: what several files hold that
+/// are not joined yet is bounded by this.
+const LARGE: u64 = 32 << 20;
+
 /// How meshes are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReadOptions {
     /// The most bytes that decoded textures may take; more are refused before any is decoded.
     pub texture_bytes: u64,
-    /// Threads that decode textures; the result does not depend on it.
+    /// Threads that read meshes and decode textures; the result does not depend on it.
     pub threads: usize,
 }
 
@@ -58,26 +60,29 @@ pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
 pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<LoadedMesh> {
     let mut joined = Joined::default();
     let mut library = Library::default();
-    for path in &mesh_files(paths)? {
-        library.uses(path);
-        let part = match extension_of(path).as_str() {
-            "ply" => read_ply_part(path, &mut library)?,
-            "gltf" | "glb" => read_gltf_part(path, &mut library)?,
-            _ => read_obj_part(path, &mut library)?,
-        };
-        joined
-            .add(part)
-            .map_err(|problem| Error::layout(path, problem))?;
+    let files = mesh_files(paths)?;
+    let mut left = files.as_slice();
+    while !left.is_empty() {
+        let (some, rest) = left.split_at(side_by_side(left, options.threads));
+        let each = options.threads / some.len();
+        let read = parallel::map(some, options.threads, |path| Contents::read(path, each));
+        for (path, contents) in some.iter().zip(read) {
+            let part = contents?.finish(path, &mut library)?;
+            joined
+                .add(part)
+                .map_err(|problem| Error::layout(path, problem))?;
+        }
+        left = rest;
     }
-    if joined.triangles.is_empty() {
-        let found = joined.vertices.len();
+    if joined.triangle_count() == 0 {
+        let found = joined.vertex_count();
         let problem = format!("expected a mesh, found {found} vertices and no faces");
         return Err(Error::layout(
             paths.first().map_or(Path::new(""), PathBuf::as_path),
             problem,
         ));
     }
-    let drafts = std::mem::take(&mut joined.drafts);
+    let drafts = joined.take_drafts();
     let finished = library.finish(drafts, options)?;
     let mesh = joined.finish(finished.materials)?;
     Ok(LoadedMesh {
@@ -85,6 +90,16 @@ pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Load
         notes: finished.notes,
         files: finished.files,
     })
+}
+
+/// How many of the next files are read at a time, each by a thread; a large one alone, by all.
+fn side_by_side(files: &[PathBuf], threads: usize) -> usize {
+    let is_small = |path: &&PathBuf| {
+        let size = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+        size < LARGE
+    };
+    let small = files.iter().take(threads).take_while(is_small).count();
+    small.max(1)
 }
 
 /// The ending in small letters.
@@ -158,265 +173,26 @@ fn fits(name: &[u8], pattern: &[u8]) -> bool {
     }
 }
 
-/// A mesh whose materials still lack their textures.
-struct Part {
-    mesh: Mesh,
-    /// One per material.
-    drafts: Vec<Draft>,
-}
-
-impl Part {
-    /// A part whose materials need no files.
-    fn plain(mesh: Mesh) -> Self {
-        let drafts = mesh.materials().iter().cloned().map(Draft::from).collect();
-        Self { mesh, drafts }
-    }
-
-    fn new(mesh: Mesh, drafts: Vec<Draft>, slots: Option<Vec<u32>>) -> Result<Self> {
-        let materials = drafts.iter().map(|draft| draft.material.clone()).collect();
-        let mesh = mesh.with_materials(materials, slots)?;
-        Ok(Self { mesh, drafts })
-    }
-}
-
-fn read_gltf_part(path: &Path, library: &mut Library) -> Result<Part> {
-    let loaded = RefCell::new(Vec::new());
-    let load = |name: &str| {
-        let found = materials::find(&[path], name)
-            .ok_or_else(|| format!("expected the file {name:?} beside it, found none"))?;
-        loaded.borrow_mut().push(found.clone());
-        std::fs::read(&found).map_err(|error| format!("cannot read {}: {error}", found.display()))
-    };
-    let file = read_with(path, |bytes| gltf::read_gltf(bytes, &load))?;
-    for buffer in loaded.into_inner() {
-        library.uses(&buffer);
-    }
-    for note in &file.notes {
-        library.note(path, note);
-    }
-    let mut texture = |image: usize, used: Use| match file.images.get(&image)? {
-        GltfImage::Bytes(bytes) => Some(library.inner_texture((path, image), bytes, used)),
-        GltfImage::File(name) => library.texture(path, name, used),
-    };
-    let mut drafts = Vec::with_capacity(file.materials.len());
-    for material in &file.materials {
-        let image = material.texture.as_ref().map(|texture| texture.image);
-        let cutoff = image.zip(material.cutoff);
-        drafts.push(Draft {
-            texture: image.and_then(|image| texture(image, Use::scaled(material.factor))),
-            opacity: cutoff
-                .and_then(|(image, cutoff)| Some((texture(image, Use::Opacity)?, cutoff))),
-            material: Material {
-                name: material.name.clone(),
-                color: material.color,
-                tinted: material.tinted,
-                double_sided: material.double_sided,
-                ..Material::default()
-            },
-        });
-    }
-    let textured = drafts.iter().any(|draft| draft.texture.is_some());
-    let build = || {
-        let mut mesh = Mesh::new(file.vertices, file.triangles)?;
-        if textured {
-            mesh = mesh.with_texture_coords(file.texture_coords)?;
-        }
-        if let Some(colors) = file.vertex_colors {
-            mesh = mesh.with_vertex_colors(colors)?;
-        }
-        Part::new(mesh, drafts, Some(file.triangle_materials))
-    };
-    build().map_err(|error| Error::layout(path, error.to_string()))
-}
-
-fn read_obj_part(path: &Path, library: &mut Library) -> Result<Part> {
-    let file = read_with(path, read_obj)?;
-    if file.skipped_faces > 0 {
-        let skipped = file.skipped_faces;
-        library.note(
-            path,
-            format!("{skipped} faces with fewer than three corners are left out"),
-        );
-    }
-    if file.lost_coords > 0 {
-        library.note(
-            path,
-            "its faces name texture coordinates that it does not have",
-        );
-    }
-    let known = library.read(path, &file.libraries, !file.materials.is_empty())?;
-    let mut drafts = Vec::with_capacity(file.materials.len());
-    let mut placements = Vec::with_capacity(file.materials.len());
-    for used in &file.materials {
-        let (draft, placement) = library.material(path, &known, used);
-        drafts.push(draft);
-        placements.push(placement);
-    }
-    if drafts.is_empty() {
-        drafts.push(Draft::default());
-    }
-    let ObjFile {
-        vertices,
-        vertex_colors,
-        triangles,
-        mut texture_coords,
-        triangle_materials,
-        ..
-    } = file;
-    for (corners, &slot) in texture_coords.iter_mut().zip(&triangle_materials) {
-        placements[slot as usize].apply(corners);
-    }
-    let textured = drafts
-        .iter()
-        .any(|draft| draft.texture.is_some() || draft.opacity.is_some());
-    let build = || {
-        let mut mesh = Mesh::new(vertices, triangles)?;
-        if textured {
-            mesh = mesh.with_texture_coords(texture_coords)?;
-        }
-        if let Some(colors) = vertex_colors {
-            mesh = mesh.with_vertex_colors(colors)?;
-        }
-        Part::new(mesh, drafts, Some(triangle_materials))
-    };
-    build().map_err(|error| Error::layout(path, error.to_string()))
-}
-
-fn read_ply_part(path: &Path, library: &mut Library) -> Result<Part> {
-    let PlyMesh {
-        mesh,
-        texture_files,
-    } = read_with(path, read_mesh)?;
-    if mesh.texture_coords().is_none() || texture_files.is_empty() {
-        return Ok(Part::plain(mesh));
-    }
-    let slots = mesh.triangle_materials().map(<[u32]>::to_vec);
-    let used: BTreeSet<u32> = match &slots {
-        Some(slots) => slots.iter().copied().collect(),
-        None => BTreeSet::from([0]),
-    };
-    let draft = |(index, file): (u32, &String)| Draft {
-        texture: match used.contains(&index) {
-            true => library.texture(path, file, Use::Color),
-            false => None,
-        },
-        ..Draft::from(
-            mesh.materials()
-                .get(index as usize)
-                .cloned()
-                .unwrap_or_default(),
-        )
-    };
-    let drafts = (0u32..).zip(&texture_files).map(draft).collect();
-    Part::new(mesh, drafts, slots).map_err(|error| Error::layout(path, error.to_string()))
-}
-
-/// Several meshes one after another.
-#[derive(Default)]
-struct Joined {
-    vertices: Vec<DVec3>,
-    triangles: Vec<[u32; 3]>,
-    texture_coords: Option<Vec<Corner>>,
-    vertex_colors: Option<Vec<[u8; 3]>>,
-    triangle_materials: Vec<u32>,
-    drafts: Vec<Draft>,
-}
-
-impl Joined {
-    fn add(&mut self, Part { mesh: part, drafts }: Part) -> Result<(), String> {
-        let count =
-            |all: usize| u32::try_from(all).map_err(|_| "more than 2^32 vertices".to_owned());
-        let first_vertex = count(self.vertices.len())?;
-        count(self.vertices.len() + part.vertices().len())?;
-        let first_material = count(self.drafts.len())?;
-        let before = self.triangles.len();
-        self.extend_colors(&part);
-        self.vertices.extend_from_slice(part.vertices());
-        self.triangles.extend(
-            part.triangles()
-                .iter()
-                .map(|t| t.map(|index| index + first_vertex)),
-        );
-        match part.triangle_materials() {
-            Some(slots) => self
-                .triangle_materials
-                .extend(slots.iter().map(|m| m + first_material)),
-            None => self
-                .triangle_materials
-                .resize(self.triangles.len(), first_material),
-        }
-        self.drafts.extend(drafts);
-        if let Some(coords) = part.texture_coords() {
-            let all = self.texture_coords.get_or_insert_default();
-            all.resize(before, [Vec2::ZERO; 3]);
-            all.extend_from_slice(coords);
-        }
-        Ok(())
-    }
-
-    /// Vertices of a part without colours get those of its materials, as soon as another part has
-    /// colours.
-    fn extend_colors(&mut self, part: &Mesh) {
-        if self.vertex_colors.is_none() && part.vertex_colors().is_some() {
-            let before = Painted {
-                triangles: &self.triangles,
-                vertices: self.vertices.len(),
-            };
-            self.vertex_colors =
-                Some(before.colors(|t| &self.drafts[self.triangle_materials[t] as usize].material));
-        }
-        let Some(colors) = &mut self.vertex_colors else {
-            return;
-        };
-        match part.vertex_colors() {
-            Some(own) => colors.extend_from_slice(own),
-            None => {
-                let part_only = Painted {
-                    triangles: part.triangles(),
-                    vertices: part.vertices().len(),
-                };
-                colors.extend(part_only.colors(|t| part.material_of(t)));
-            }
-        }
-    }
-
-    /// The mesh, with a material for each draft.
-    fn finish(self, materials: Vec<Material>) -> Result<Mesh> {
-        let count = self.triangles.len();
-        let mut mesh = Mesh::new(self.vertices, self.triangles)?
-            .with_materials(materials, Some(self.triangle_materials))?;
-        if let Some(mut coords) = self.texture_coords {
-            coords.resize(count, [Vec2::ZERO; 3]);
-            mesh = mesh.with_texture_coords(coords)?;
-        }
-        match self.vertex_colors {
-            Some(colors) => mesh.with_vertex_colors(colors),
-            None => Ok(mesh),
-        }
-    }
-}
-
-/// Triangles whose vertices are to be painted in their materials' colours.
-struct Painted<'a> {
-    triangles: &'a [[u32; 3]],
-    vertices: usize,
-}
-
-impl Painted<'_> {
-    fn colors<'m>(&self, material_of: impl Fn(usize) -> &'m Material) -> Vec<[u8; 3]> {
-        let mut colors = vec![Material::default().color; self.vertices];
-        for (index, triangle) in self.triangles.iter().enumerate() {
-            for &vertex in triangle {
-                colors[vertex as usize] = material_of(index).color;
-            }
-        }
-        colors
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::fits;
+    use super::{LARGE, fits, side_by_side};
+    use std::path::PathBuf;
+
+    #[test]
+    fn small_files_are_read_side_by_side_and_large_ones_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let sizes = [10, 0, LARGE, 5, LARGE - 1, 7, LARGE];
+        let file = |(index, &size): (usize, &u64)| {
+            let path = folder.path().join(format!("{index}.obj"));
+            std::fs::File::create(&path).unwrap().set_len(size).unwrap();
+            path
+        };
+        let files: Vec<PathBuf> = sizes.iter().enumerate().map(file).collect();
+        let taken = |from: usize, threads: usize| side_by_side(&files[from..], threads);
+        assert_eq!([taken(0, 8), taken(2, 8), taken(3, 8)], [2, 1, 3]);
+        assert_eq!([taken(0, 1), taken(3, 2), taken(3, 0)], [1, 2, 1]);
+        assert_eq!(side_by_side(&[PathBuf::from("missing.obj")], 4), 1);
+    }
 
     #[test]
     fn patterns_stand_for_names() {

@@ -5,11 +5,11 @@ use super::materials::Draft;
 use super::mesh::ReadOptions;
 use crate::error::{Error, FormatError, Result};
 use crate::format::image;
+use crate::parallel;
 use crate::scene::{ColorImage, Cutout, Material, Raster};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// What of an image is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -138,7 +138,7 @@ impl Textures {
             );
             return Err(Error::layout(path, problem));
         }
-        let read = in_parallel(&self.wanted, options.threads.max(1), Wanted::read);
+        let read = parallel::map(&self.wanted, options.threads, Wanted::read);
         let images = read.into_iter().map(|image| {
             image
                 .map_err(|error| notes.push(format!("{error}; the color of its material is shown")))
@@ -146,32 +146,6 @@ impl Textures {
         });
         Ok(Images(images.collect()))
     }
-}
-
-/// `work` of each item, in their order, on several threads.
-fn in_parallel<T: Sync, R: Send>(items: &[T], threads: usize, work: fn(&T) -> R) -> Vec<R> {
-    let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::with_capacity(items.len()));
-    let run = || {
-        while let Some((index, item)) = {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            items.get(index).map(|item| (index, item))
-        } {
-            let result = work(item);
-            done.lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .push((index, result));
-        }
-    };
-    std::thread::scope(|scope| {
-        for _ in 1..threads.min(items.len()) {
-            scope.spawn(run);
-        }
-        run();
-    });
-    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    done.sort_by_key(|(index, _)| *index);
-    done.into_iter().map(|(_, result)| result).collect()
 }
 
 impl Images {
@@ -226,20 +200,5 @@ mod tests {
         // sRGB 188 is half the light of white.
         assert_eq!(half.get(255, 0), [188; 3]);
         assert_eq!(Use::scaled([1.0; 3]), Use::Color);
-    }
-
-    #[test]
-    fn results_stand_in_order_at_any_number_of_threads() {
-        let items: Vec<usize> = (0..100).collect();
-        for threads in [1, 2, 7] {
-            let squares = in_parallel(&items, threads, |item| item * item);
-            assert!(
-                squares
-                    .iter()
-                    .enumerate()
-                    .all(|(i, square)| *square == i * i)
-            );
-        }
-        assert!(in_parallel(&[], 3, |item: &usize| *item).is_empty());
     }
 }

@@ -65,6 +65,23 @@ pub struct Mesh {
     materials: Vec<Material>,
 }
 
+/// What a [`Mesh`] is made of, column by column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshColumns {
+    /// See [`Mesh::vertices`].
+    pub vertices: Vec<DVec3>,
+    /// See [`Mesh::triangles`].
+    pub triangles: Vec<[u32; 3]>,
+    /// See [`Mesh::texture_coords`].
+    pub texture_coords: Option<Vec<Corner>>,
+    /// See [`Mesh::vertex_colors`].
+    pub vertex_colors: Option<Vec<[u8; 3]>>,
+    /// See [`Mesh::triangle_materials`].
+    pub triangle_materials: Option<Vec<u32>>,
+    /// See [`Mesh::materials`].
+    pub materials: Vec<Material>,
+}
+
 impl Mesh {
     /// A mesh of bare triangles with one default material. Corners are counter-clockwise seen from
     /// outside.
@@ -190,6 +207,18 @@ impl Mesh {
     pub fn material_of(&self, triangle: usize) -> &Material {
         let index = self.triangle_materials.as_ref().map_or(0, |m| m[triangle]);
         &self.materials[index as usize]
+    }
+
+    /// Its columns, without copying them.
+    pub fn into_columns(self) -> MeshColumns {
+        MeshColumns {
+            vertices: self.vertices,
+            triangles: self.triangles,
+            texture_coords: self.texture_coords,
+            vertex_colors: self.vertex_colors,
+            triangle_materials: self.triangle_materials,
+            materials: self.materials,
+        }
     }
 
     /// The box around all vertices.

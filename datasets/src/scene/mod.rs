@@ -23,7 +23,7 @@ pub use camera::{Camera, Pose};
 pub use cloud::PointCloud;
 pub use depth::{DepthMap, RejectedDepths};
 pub use distortion::Distortion;
-pub use mesh::{Corner, Cutout, Material, Mesh};
+pub use mesh::{Corner, Cutout, Material, Mesh, MeshColumns};
 pub use raster::{ColorImage, Mask, NormalMap, Raster};
 pub use similarity::Similarity;
 pub use view::{DepthRange, Scene, SourceScore, View};
