@@ -4,7 +4,8 @@
 //! `render_visibility leaks RAYS`: how many rays aimed at edges and corners of closed meshes from
 //! inside slip through; `render_visibility arbitrate SIDE...`: how many pixels of the same views differ
 //! from the exact test of every candidate in f64, one ray at a time; `render_visibility lens SIDE...`:
-//! the same views through a lens, drawn and traced.
+//! the same views through a lens, drawn and traced; `render_visibility rays SIDE...`: the rays of the same
+//! views from world to world, one by one and together.
 
 #![allow(
     clippy::print_stdout,
@@ -226,6 +227,48 @@ fn through_lens(side: u32) {
     }
 }
 
+/// The rays of the views' pixels: one by one, together, and only whether they meet something.
+fn many_rays(side: u32) {
+    let mesh = terrain(side);
+    let renderer = Renderer::new(&mesh).unwrap();
+    let range = (0.0, f64::INFINITY);
+    for (index, view) in EYES.map(view_from).into_iter().enumerate() {
+        let pixels = (0..2048 * 1536).map(|i| DVec2::new(f64::from(i % 2048), f64::from(i / 2048)));
+        let direction = |pixel| view.pose.direction_to_world(view.camera.ray(pixel + 0.5));
+        let directions: Vec<DVec3> = pixels.map(direction).collect();
+        let eye = view.pose.center_in_world();
+        let mut alone = Vec::new();
+        let single = timed_once(|| {
+            let hit = |&direction| renderer.first_hit(eye, direction, range);
+            alone = directions.iter().map(hit).collect();
+        });
+        let mut hits = Vec::new();
+        let together = timed_once(|| hits = renderer.first_hits(eye, &directions, range));
+        let different = hits.iter().zip(&alone).filter(|(a, b)| a != b).count();
+        let mut blocked = Vec::new();
+        let any = timed_once(|| blocked = renderer.blocked(eye, &directions, range));
+        let wrong = blocked
+            .iter()
+            .zip(&alone)
+            .filter(|(a, b)| **a != b.is_some());
+        // As when views are compared: few rays, far from each other.
+        let few: Vec<DVec3> = directions.iter().copied().step_by(1021).collect();
+        let sparse = timed_once(|| {
+            for _ in 0..20 {
+                renderer.blocked(eye, &few, range);
+            }
+        });
+        println!(
+            r#"{{"triangles": {}, "view": {index}, "rays": {}, "hits": {}, "different": {}, "single_s": {single}, "together_s": {together}, "any_s": {any}, "sparse_us_per_ray": {}}}"#,
+            mesh.triangles().len(),
+            directions.len(),
+            hits.iter().flatten().count(),
+            different + wrong.count(),
+            1e6 * sparse / (20 * few.len()) as f64
+        );
+    }
+}
+
 fn timed_once(work: impl FnOnce()) -> f64 {
     let start = cpu();
     work();
@@ -240,6 +283,11 @@ fn main() {
         "lens" => {
             for index in 1..numbers.len() {
                 through_lens(u32::try_from(number(index)).unwrap());
+            }
+        }
+        "rays" => {
+            for index in 1..numbers.len() {
+                many_rays(u32::try_from(number(index)).unwrap());
             }
         }
         "arbitrate" => {

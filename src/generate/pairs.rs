@@ -77,10 +77,12 @@ pub struct Covisibility {
 }
 
 /// A point of the surface as one view sees it.
-struct SurfacePoint {
-    position: DVec3,
-    /// Normal on the side that the view sees.
-    normal: DVec3,
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SurfacePoint {
+    /// In the world.
+    pub(super) position: DVec3,
+    /// Unit normal on the side that the view sees.
+    pub(super) normal: DVec3,
 }
 
 impl Covisibility {
@@ -199,8 +201,7 @@ fn surface_points(
     let stride = (pixels / f64::from(options.points)).sqrt().max(1.0);
     let steps = |length: u32| (f64::from(length) / stride).floor().max(1.0);
     let (columns, rows) = (steps(camera.width()), steps(camera.height()));
-    let center = view.pose.center_in_world();
-    let mut points = Vec::new();
+    let mut directions = Vec::new();
     for row in 0..rows as u32 {
         for column in 0..columns as u32 {
             // At pixel centres, so that a surface seen here has a depth in the rendered map.
@@ -211,18 +212,20 @@ fn surface_points(
                 centre(column, camera.width(), columns),
                 centre(row, camera.height(), rows),
             );
-            let direction = view.pose.direction_to_world(camera.ray(pixel));
-            let hit = renderer.first_hit(center, direction, (0.0, f64::INFINITY));
-            let hit = hit.filter(|hit| !renderer.is_hollow(hit, direction, back_faces));
-            if let Some(hit) = hit {
-                points.push(SurfacePoint {
-                    position: center + hit.distance * direction,
-                    normal: normal_towards(mesh, hit.triangle, -direction),
-                });
-            }
+            directions.push(view.pose.direction_to_world(camera.ray(pixel)));
         }
     }
-    (points, (columns * rows) as usize)
+    let center = view.pose.center_in_world();
+    let hits = renderer.first_hits(center, &directions, (0.0, f64::INFINITY));
+    let points = hits.into_iter().zip(&directions);
+    let points = points.filter_map(|(hit, &direction)| {
+        let hit = hit.filter(|hit| !renderer.is_hollow(hit, direction, back_faces))?;
+        Some(SurfacePoint {
+            position: center + hit.distance * direction,
+            normal: normal_towards(mesh, hit.triangle, -direction),
+        })
+    });
+    (points.collect(), (columns * rows) as usize)
 }
 
 /// The triangle's unit normal on the side of `direction`; zero for a degenerate triangle.
@@ -247,13 +250,15 @@ fn compare(
         reference.pose.center_in_world(),
         other.pose.center_in_world(),
     );
-    let mut sum = 0.0;
-    let mut seen = 0;
-    for point in points {
-        if sees(renderer, other, point.position, point.normal) {
-            seen += 1;
-            sum += options.weight(angle_at(point.position, centers));
-        }
+    let in_frame = points
+        .iter()
+        .filter(|point| in_frame(other, point.position));
+    let in_frame: Vec<SurfacePoint> = in_frame.copied().collect();
+    let unoccluded = unoccluded(renderer, other, &in_frame);
+    let (mut sum, mut seen) = (0.0, 0);
+    for (point, _) in in_frame.iter().zip(unoccluded).filter(|(_, seen)| *seen) {
+        seen += 1;
+        sum += options.weight(angle_at(point.position, centers));
     }
     (sum, seen)
 }
@@ -268,28 +273,30 @@ pub(super) fn angle_at(point: DVec3, (first, second): (DVec3, DVec3)) -> f64 {
 /// How far, relative to its distance, the surface itself may stand before the point looked at.
 pub(super) const SELF_TOLERANCE: f64 = 1e-5;
 
-/// Whether `view` sees the surface point at `position` (world) with unit `normal`: it projects
-/// inside the image, the normal's side faces the camera, and nothing stands between.
-pub(super) fn sees(renderer: &Renderer, view: &View, position: DVec3, normal: DVec3) -> bool {
-    in_frame(view, position) && unoccluded(renderer, view, position, normal)
-}
-
 /// Whether `position` (world) projects inside the image.
 pub(super) fn in_frame(view: &View, position: DVec3) -> bool {
     let pixel = view.camera.project(view.pose.to_cam(position));
     pixel.is_some_and(|pixel| view.camera.contains(pixel))
 }
 
-/// Whether the normal's side faces the camera and no surface stands between.
-pub(super) fn unoccluded(renderer: &Renderer, view: &View, position: DVec3, normal: DVec3) -> bool {
+/// Whether, of each point, the normal's side faces the camera of `view` and no surface stands between.
+pub(super) fn unoccluded(renderer: &Renderer, view: &View, points: &[SurfacePoint]) -> Vec<bool> {
     let center = view.pose.center_in_world();
-    let direction = position - center;
-    if normal.dot(direction) >= 0.0 {
-        return false;
-    }
-    let lifted = direction + normal * (SELF_TOLERANCE * direction.length());
-    let blocker = renderer.first_hit(center, lifted, (0.0, 1.0 - SELF_TOLERANCE));
-    blocker.is_none()
+    let lifted = |point: &SurfacePoint| {
+        let direction = point.position - center;
+        let lifted = direction + point.normal * (SELF_TOLERANCE * direction.length());
+        (point.normal.dot(direction) < 0.0).then_some(lifted)
+    };
+    let lifted: Vec<Option<DVec3>> = points.iter().map(lifted).collect();
+    let facing: Vec<DVec3> = lifted.iter().flatten().copied().collect();
+    let mut blocked = renderer
+        .blocked(center, &facing, (0.0, 1.0 - SELF_TOLERANCE))
+        .into_iter();
+    let mut unblocked = || blocked.next() == Some(false);
+    lifted
+        .iter()
+        .map(|lifted| lifted.is_some() && unblocked())
+        .collect()
 }
 
 #[cfg(test)]

@@ -1,11 +1,12 @@
 //! What a view's pixels show of other views' sight, and where its depth jumps.
 
-use super::pairs;
+use super::pairs::{self, SurfacePoint};
 use crate::error::Result;
 use crate::parallel;
 use crate::render::{Renderer, Rendering};
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{DepthMap, Mask, Raster, View};
+use std::ops::Range;
 
 /// No surface, or outside the source's image.
 pub const OUTSIDE: u8 = 0;
@@ -22,37 +23,50 @@ pub fn occlusion(
     source: &View,
 ) -> Result<Raster<u8>> {
     let (width, height) = rendering.depth.size();
-    let rows = parallel::map(height as usize, |row| {
-        let row = row as u32;
-        let pixel = |column| seen(renderer, (view, rendering), source, (column, row));
-        (0..width).map(pixel).collect::<Vec<u8>>()
+    let bands = parallel::map(height.div_ceil(BAND) as usize, |band| {
+        let first = BAND * band as u32;
+        let rows = first..height.min(first + BAND);
+        seen(renderer, (view, rendering), source, rows)
     });
-    let values = rows.into_iter().flatten().collect();
+    let values = bands.into_iter().flatten().collect();
     Ok(Raster::from_values(width, height, values)?)
 }
 
+/// Rows that are worked out together.
+const BAND: u32 = 8;
+
+/// The pixels of some rows.
 fn seen(
     renderer: &Renderer,
     (view, rendering): (&View, &Rendering),
     source: &View,
-    (column, row): (u32, u32),
-) -> u8 {
-    let depth = f64::from(rendering.depth.get(column, row));
-    if depth == 0.0 {
-        return OUTSIDE;
+    rows: Range<u32>,
+) -> Vec<u8> {
+    let (width, _) = rendering.depth.size();
+    let mut values = vec![OUTSIDE; rows.len() * width as usize];
+    let (mut places, mut points) = (Vec::new(), Vec::new());
+    let pixels = rows.flat_map(|row| (0..width).map(move |column| (column, row)));
+    for (place, (column, row)) in pixels.enumerate() {
+        let depth = f64::from(rendering.depth.get(column, row));
+        if depth == 0.0 {
+            continue;
+        }
+        let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+        let position = view.pose.to_world(depth * view.camera.ray(pixel));
+        if pairs::in_frame(source, position) {
+            let normal = rendering.normals.get(column, row).map(f64::from);
+            let normal = view.pose.direction_to_world(DVec3::from_array(normal));
+            places.push(place);
+            points.push(SurfacePoint { position, normal });
+        }
     }
-    let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-    let position = view.pose.to_world(depth * view.camera.ray(pixel));
-    if !pairs::in_frame(source, position) {
-        return OUTSIDE;
+    for (place, seen) in places
+        .into_iter()
+        .zip(pairs::unoccluded(renderer, source, &points))
+    {
+        values[place] = if seen { VISIBLE } else { OCCLUDED };
     }
-    let normal = rendering.normals.get(column, row).map(f64::from);
-    let normal = view.pose.direction_to_world(DVec3::from_array(normal));
-    if pairs::unoccluded(renderer, source, position, normal) {
-        VISIBLE
-    } else {
-        OCCLUDED
-    }
+    values
 }
 
 /// Pixels on either side of a jump: a neighbour (of four) has no depth, or one that differs by more

@@ -12,14 +12,14 @@ use super::cluster::Cluster;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes};
 use super::tile::DOUBT;
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 /// Rounding of one f32 number, relative, doubled.
 pub(crate) const ULP: f32 = 1.2e-7;
 /// Clusters whose vertices may be off by more samples than this are tested exactly.
 const MOST_ERROR: f32 = 0.05;
 /// By how much the place of a sample behind a lens may be off: the rounding of a number up to 128.
-const SAMPLE_ERROR: f32 = 1e-5;
+pub(crate) const SAMPLE_ERROR: f32 = 1e-5;
 /// Places for the vertices of a cluster: any u8 is one.
 pub(crate) const PLACES: usize = super::lanes::TABLE;
 
@@ -95,15 +95,16 @@ impl Projected {
 }
 
 impl Lens {
-    pub(crate) fn new(eye: &Eye<'_>, grid: &Grid) -> Self {
-        let [right, down, ahead] = [0, 1, 2].map(|row| eye.rotation.row(row));
+    /// The lens of a camera to which the mesh's frame is turned by a rotation, and where it has the mesh's
+    /// centre.
+    pub(crate) fn new((rotation, center): (DMat3, DVec3), grid: &Grid) -> Self {
+        let [right, down, ahead] = [0, 1, 2].map(|row| rotation.row(row));
         let Grid { focal, shift } = *grid;
         let rows = [
             focal.x * right + shift.x * ahead,
             focal.y * down + shift.y * ahead,
             ahead,
         ];
-        let center = eye.center_in_cam;
         let offsets = [
             focal.x * center.x + shift.x * center.z,
             focal.y * center.y + shift.y * center.z,

@@ -10,6 +10,7 @@
 #[cfg(target_arch = "x86_64")]
 mod avx;
 mod bent;
+mod bulk;
 mod bvh;
 mod cluster;
 mod clusters;
@@ -22,6 +23,7 @@ mod look;
 mod maps;
 mod near;
 pub mod oracle;
+mod packet;
 mod pages;
 mod picture;
 mod planes;
@@ -45,6 +47,7 @@ use crate::error::{Error, Result};
 use crate::parallel;
 pub use sight::{BackFaces, MIXED_JUMP, Sight};
 
+use bulk::Bundle;
 use clusters::Clusters;
 use glam::{DVec3, Vec3};
 use look::Scenery;
@@ -53,10 +56,22 @@ use rays::Probe;
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 use surface::{Facet, Frame};
-use triangle::Crossing;
+use triangle::{Crossing, Ray};
 
 /// Rays that one thread takes at a time.
-const CHUNK: usize = 1024;
+const CHUNK: usize = 1 << 14;
+
+/// `trace` of some directions at a time, in parallel; one after another.
+fn in_chunks<T: Send>(
+    directions: &[DVec3],
+    trace: impl Fn(&[DVec3]) -> Vec<T> + Sync + Send,
+) -> impl Iterator<Item = T> {
+    let chunks = parallel::map(directions.len().div_ceil(CHUNK), |chunk| {
+        let first = chunk * CHUNK;
+        trace(&directions[first..directions.len().min(first + CHUNK)])
+    });
+    chunks.into_iter().flatten()
+}
 
 /// How a view is rendered.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -247,42 +262,60 @@ impl<'m> Renderer<'m> {
     /// (`range.0`, `range.1`), on either side of a triangle. A direction that is not finite meets
     /// nothing.
     pub fn first_hit(&self, origin: DVec3, direction: DVec3, range: (f64, f64)) -> Option<Hit> {
+        self.first_visible(origin, direction, range).map(Hit::from)
+    }
+
+    fn first_visible(&self, origin: DVec3, direction: DVec3, range: (f64, f64)) -> Option<Visible> {
         if !direction.is_finite() {
             return None;
         }
         let probe = Probe::new(origin - self.center, direction);
-        let cross = |triangle| {
-            let corners = self
-                .mesh
-                .corners(triangle)
-                .map(|corner| corner - self.center);
-            let crossing = probe.ray().cross(corners);
-            crossing.filter(|c| {
-                range.0 < c.distance
-                    && c.distance < range.1
-                    && surface::is_solid(self.mesh, triangle, c.weights)
-            })
-        };
-        let visible = probe.nearest(&self.clusters, (self.radius, range.1), cross);
-        visible.map(Hit::from)
+        let cross = |triangle| self.cross(probe.ray(), triangle, range);
+        probe.nearest(&self.clusters, (self.radius, range.1), cross)
     }
 
-    /// As [`Self::first_hit`] for many rays from one point, in their order, ray by ray on all
-    /// threads. Rays that lie next to each other in `directions` should point alike: what one of them
-    /// reads is then still near for the next.
+    /// Where a ray, counted from the mesh's centre, meets surface of a triangle in a range of distances.
+    fn cross(&self, ray: &Ray, triangle: usize, range: (f64, f64)) -> Option<Crossing> {
+        let corners = self.mesh.corners(triangle);
+        let crossing = ray.cross(corners.map(|corner| corner - self.center));
+        crossing.filter(|c| {
+            range.0 < c.distance
+                && c.distance < range.1
+                && surface::is_solid(self.mesh, triangle, c.weights)
+        })
+    }
+
+    /// As [`Self::first_hit`] for many rays from one point, in their order, on all threads: rays that point
+    /// alike are traced together.
     pub fn first_hits(
         &self,
         origin: DVec3,
         directions: &[DVec3],
         range: (f64, f64),
     ) -> Vec<Option<Hit>> {
-        let chunks = parallel::map(directions.len().div_ceil(CHUNK), |chunk| {
-            let first = chunk * CHUNK;
-            let last = directions.len().min(first + CHUNK);
-            let hit = |&direction: &DVec3| self.first_hit(origin, direction, range);
-            directions[first..last].iter().map(hit).collect::<Vec<_>>()
+        let all = in_chunks(directions, |directions| {
+            Bundle {
+                origin,
+                directions,
+                range,
+            }
+            .first_hits(self)
         });
-        chunks.into_iter().flatten().collect()
+        all.map(|visible| visible.map(Hit::from)).collect()
+    }
+
+    /// Whether [`Self::first_hit`] meets something, for many rays from one point, in their order, on all
+    /// threads.
+    pub fn blocked(&self, origin: DVec3, directions: &[DVec3], range: (f64, f64)) -> Vec<bool> {
+        let all = in_chunks(directions, |directions| {
+            Bundle {
+                origin,
+                directions,
+                range,
+            }
+            .blocked(self)
+        });
+        all.collect()
     }
 
     /// What the centre of each pixel of `view` sees, into `seen`: depth and normal to the bits that

@@ -2,13 +2,12 @@
 
 use super::bent::Bent;
 use super::clusters::{Child, Clusters, WIDTH, Wide};
-use super::eye::Eye;
 use super::lanes::{LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Grid, Lens, Place, Projected};
 use super::raster::Brush;
 use super::sieve::{Offers, Sieve};
 use super::tile::{SIZE, Spot, Tile};
-use glam::DVec2;
+use glam::{DMat3, DVec2, DVec3};
 
 /// Rounding of boxes in the camera frame, relative to the coordinates that enter.
 const ROUNDING: f32 = 1e-6;
@@ -33,8 +32,9 @@ pub(crate) fn scan(
     }
     let mut scratch = Projected::new(away);
     let (mut sieve, mut offers) = (Sieve::new(), Offers::new());
-    let lens = Lens::new(place.eye, &grid);
-    let gaze = Gaze::new(place.eye, (&grid, away), (width, height));
+    let stand = (place.eye.rotation, place.eye.center_in_cam);
+    let lens = Lens::new(stand, &grid);
+    let gaze = Gaze::new(stand, (&grid, away), (width, height));
     let mut waiting = vec![Waiting::ROOT];
     while let Some(next) = waiting.pop() {
         if tile.hides((next.from, next.to), next.nearness) {
@@ -72,19 +72,19 @@ pub(crate) fn scan(
 
 /// A part of the tree that the tile may see.
 #[derive(Debug, Clone, Copy)]
-struct Waiting {
-    child: Child,
+pub(super) struct Waiting {
+    pub(super) child: Child,
     /// From where on, in z-depth, it lies.
-    depth: f32,
+    pub(super) depth: f32,
     /// The inverse of `depth`; infinite where that is not positive.
-    nearness: f32,
-    /// The samples that it may cover.
-    from: Spot,
-    to: Spot,
+    pub(super) nearness: f32,
+    /// The samples that it may cover, if it lies before the camera as a whole.
+    pub(super) from: Spot,
+    pub(super) to: Spot,
 }
 
 impl Waiting {
-    const ROOT: Self = Self {
+    pub(super) const ROOT: Self = Self {
         child: Child::Node(0),
         depth: 0.0,
         nearness: f32::INFINITY,
@@ -94,7 +94,7 @@ impl Waiting {
 }
 
 /// A tile's view of boxes, in f32.
-struct Gaze {
+pub(super) struct Gaze {
     rotation: [[f32; 3]; 3],
     center_in_cam: [f32; 3],
     rounding: f32,
@@ -114,7 +114,11 @@ impl Gaze {
         clippy::cast_possible_truncation,
         reason = "boxes are enlarged by ROUNDING"
     )]
-    fn new(eye: &Eye<'_>, (grid, away): (&Grid, f32), (width, height): (usize, usize)) -> Self {
+    pub(super) fn new(
+        (rotation, center): (DMat3, DVec3),
+        (grid, away): (&Grid, f32),
+        (width, height): (usize, usize),
+    ) -> Self {
         debug_assert!(width <= SIZE && height <= SIZE);
         let border = |sample: f64| (DVec2::splat(sample) - grid.shift) / grid.focal;
         // One sample more on each side than the sample centres need.
@@ -122,13 +126,12 @@ impl Gaze {
         let high = DVec2::new(width as f64, height as f64) + f64::from(away);
         let high = (high - grid.shift) / grid.focal;
         Self {
-            rotation: eye
-                .rotation
+            rotation: rotation
                 .transpose()
                 .to_cols_array_2d()
                 .map(|row| row.map(|v| v as f32)),
-            center_in_cam: eye.center_in_cam.as_vec3().to_array(),
-            rounding: ROUNDING * eye.center_in_cam.length() as f32,
+            center_in_cam: center.as_vec3().to_array(),
+            rounding: ROUNDING * center.length() as f32,
             low: low.as_vec2().to_array(),
             high: high.as_vec2().to_array(),
             scale: grid.focal.as_vec2().to_array(),
@@ -185,7 +188,11 @@ impl Gaze {
 }
 
 /// Adds the node's children that the tile may see.
-struct Look<'g>(&'g Gaze, &'g Wide, &'g mut Vec<Waiting>);
+pub(super) struct Look<'g>(
+    pub(super) &'g Gaze,
+    pub(super) &'g Wide,
+    pub(super) &'g mut Vec<Waiting>,
+);
 
 impl Task for Look<'_> {
     type Output = ();

@@ -6,7 +6,7 @@ mod shapes;
 
 use super::lanes::forced::{self, Width};
 use super::lanes::{Lanes, Task, dispatch};
-use super::{BackFaces, RenderOptions, Renderer, Rendering, Seen};
+use super::{BackFaces, Hit, RenderOptions, Renderer, Rendering, Seen};
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{Camera, Distortion, Pose, View};
 use shapes::{soup, terrain};
@@ -24,7 +24,7 @@ impl Task for Name {
 
 /// Views from outside, from inside, and from so close that triangles reach behind the camera; every
 /// third through a lens.
-fn pictures() -> Vec<(Rendering, Seen)> {
+fn pictures() -> Vec<(Rendering, Seen, Vec<Option<Hit>>)> {
     let mut pictures = Vec::new();
     for mesh in [terrain(90), terrain(400), soup(3000, 6)] {
         let renderer = Renderer::new(&mesh).unwrap();
@@ -46,13 +46,21 @@ fn pictures() -> Vec<(Rendering, Seen)> {
             };
             let mut seen = Seen::default();
             renderer.see(&view, &mut seen).unwrap();
+            let pixels = (0..300 * 200).map(|index| {
+                let pixel = DVec2::new(f64::from(index % 300), f64::from(index / 300));
+                view.pose.direction_to_world(view.camera.ray(pixel + 0.5))
+            });
+            let rays: Vec<DVec3> = pixels.step_by(3).collect();
+            let hits = renderer.first_hits(eye, &rays, (0.0, f64::INFINITY));
+            let blocked = renderer.blocked(eye, &rays, (0.0, f64::INFINITY));
+            assert!(hits.iter().map(Option::is_some).eq(blocked));
             if index % 3 == 1 {
                 let radial = [-0.2, 0.05, 0.0, 0.0, 0.0, 0.0];
                 let tangential = [2e-3, -1e-3];
                 let lens = Distortion::RadialTangential { radial, tangential };
                 view.camera = view.camera.with_distortion(lens).unwrap();
             }
-            pictures.push((renderer.render(&view, &options).unwrap(), seen));
+            pictures.push((renderer.render(&view, &options).unwrap(), seen, hits));
         }
     }
     pictures
@@ -76,7 +84,7 @@ fn every_set_of_instructions_gives_the_same_pictures() {
             assert!(best == other, "picture {index} differs, {width:?}");
         }
     }
-    let seen = best.iter().flat_map(|(_, seen)| &seen.triangles);
+    let seen = best.iter().flat_map(|(_, seen, _)| &seen.triangles);
     let hits = seen.filter(|&&triangle| triangle != Seen::NO_TRIANGLE);
     assert!(hits.count() > 300_000);
 }

@@ -176,6 +176,7 @@ fn fits(name: &[u8], pattern: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::{LARGE, fits, side_by_side};
+    use crate::layout::files::write_atomically;
     use std::path::PathBuf;
 
     #[test]
@@ -184,7 +185,7 @@ mod tests {
         let sizes = [10, 0, LARGE, 5, LARGE - 1, 7, LARGE];
         let file = |(index, &size): (usize, &u64)| {
             let path = folder.path().join(format!("{index}.obj"));
-            std::fs::File::create(&path).unwrap().set_len(size).unwrap();
+            write_atomically(&path, |out| out.get_ref().set_len(size)).unwrap();
             path
         };
         let files: Vec<PathBuf> = sizes.iter().enumerate().map(file).collect();

@@ -144,6 +144,11 @@ fn a_cutout_lets_the_surface_behind_be_seen() {
     let hit = |x: f64| renderer.first_hit(DVec3::ZERO, DVec3::new(x, 0.0, 1.0), (0.0, 9.0));
     assert_eq!(hit(-0.1).unwrap().distance, 3.0);
     assert_eq!(hit(0.1).unwrap().distance, 2.0);
+    let rays = [-0.1, 0.1].map(|x| DVec3::new(x, 0.0, 1.0));
+    let both = renderer.first_hits(DVec3::ZERO, &rays, (0.0, 9.0));
+    assert_eq!(both, [hit(-0.1), hit(0.1)]);
+    let blocked = renderer.blocked(DVec3::ZERO, &rays, (0.0, 2.5));
+    assert_eq!(blocked, [false, true]);
     // Nothing behind the cut: nothing is seen.
     let alone = facing_quad(2.0).with_materials(vec![paint([9; 3], Some(half_cut()))], None);
     let alone = draft_as_asked(&alone.unwrap(), &view);

@@ -122,3 +122,103 @@ fn many_rays_from_one_point_are_those_shot_alone() {
         assert!(alone.eq(together), "{count} rays");
     }
 }
+
+/// What rays from one point meet together is what each meets alone.
+fn check_bundle(renderer: &Renderer<'_>, origin: DVec3, directions: &[DVec3], what: &str) -> usize {
+    let mut met = 0;
+    for range in [(0.0, f64::INFINITY), (0.3, 1.1), (0.0, 0.999)] {
+        let together = renderer.first_hits(origin, directions, range);
+        let blocked = renderer.blocked(origin, directions, range);
+        assert_eq!(together.len(), directions.len());
+        for (index, &direction) in directions.iter().enumerate() {
+            let alone = renderer.first_hit(origin, direction, range);
+            assert_eq!(together[index], alone, "{what}, ray {index}, {direction}");
+            assert_eq!(blocked[index], alone.is_some(), "{what}, ray {index}");
+            met += usize::from(alone.is_some());
+        }
+    }
+    met
+}
+
+#[test]
+fn packets_meet_what_single_rays_meet() {
+    let mut noise = Noise(77);
+    let mut met = 0;
+    for (name, mesh) in [
+        ("terrain", terrain(150)),
+        ("coarse terrain", terrain(3)),
+        ("soup", soup(5000, 8)),
+        ("sphere", sphere(30)),
+        ("small sphere", scaled(&sphere(30), 1e-6)),
+        (
+            "far sphere",
+            moved(&sphere(30), DVec3::new(5e5, 4e6, -300.0)),
+        ),
+    ] {
+        let renderer = Renderer::new(&mesh).unwrap();
+        let (center, size) = (mesh.bounds().center(), mesh.bounds().size().max_element());
+        for distance in [0.02, 0.3, 2.0, 50.0] {
+            let origin = center + noise.vector().normalize() * distance * size;
+            let ahead = center - origin;
+            // A camera's rays, then to corners and points on edges in no order, then all around.
+            let (right, down) = ahead.normalize().any_orthonormal_pair();
+            let place = |index: u32, steps: u32| size * (f64::from(index) / f64::from(steps) - 0.5);
+            let camera =
+                (0..60 * 40).map(|i| ahead + right * place(i % 60, 60) + down * place(i / 60, 40));
+            let aimed = (0..2000).map(|_| {
+                let triangle = (noise.next().abs() * 1e9) as usize % mesh.triangles().len();
+                let [a, b, _] = mesh.corners(triangle);
+                let along = if noise.next() < 0.0 {
+                    0.0
+                } else {
+                    noise.next().abs()
+                };
+                a.lerp(b, along) - origin
+            });
+            let aimed: Vec<DVec3> = aimed.collect();
+            let around = (0..1000).map(|_| noise.vector() * size);
+            let mut directions: Vec<DVec3> = camera.chain(around).collect();
+            directions.extend(aimed);
+            met += check_bundle(&renderer, origin, &directions, name);
+        }
+    }
+    assert!(met > 50_000, "{met}");
+}
+
+#[test]
+fn packets_take_any_direction_and_any_number_of_threads() {
+    let mesh = soup(3000, 4);
+    let renderer = Renderer::new(&mesh).unwrap();
+    let odd = [
+        DVec3::ZERO,
+        DVec3::NAN,
+        DVec3::new(f64::INFINITY, 0.0, 1.0),
+        DVec3::splat(1e-300),
+        DVec3::splat(1e300),
+        DVec3::new(1e-170, -1e-170, 1e-160),
+        DVec3::NEG_X,
+        DVec3::new(0.0, -0.0, 1.0),
+    ];
+    let mut noise = Noise(5);
+    let origin = DVec3::new(0.1, 0.2, -0.1);
+    let mut directions: Vec<DVec3> = (0..40_000).map(|_| noise.vector()).collect();
+    for (index, direction) in directions.iter_mut().enumerate() {
+        // Alike ones too: many of a packet's rays are one.
+        if index % 50 < odd.len() {
+            *direction = odd[index % 50];
+        }
+    }
+    assert!(check_bundle(&renderer, origin, &directions[..3000], "odd") > 500);
+    let range = (0.0, f64::INFINITY);
+    let at = |threads| {
+        mvs_eval::parallel::with_threads(threads, || {
+            renderer.first_hits(origin, &directions, range)
+        })
+    };
+    let alone = at(1).unwrap();
+    for threads in [2, 8] {
+        assert!(at(threads).unwrap() == alone, "{threads} threads");
+    }
+    check_bundle(&renderer, origin, &odd, "only odd ones");
+    check_bundle(&renderer, origin, &[DVec3::X; 100], "all alike");
+}

@@ -1,0 +1,121 @@
+//! Many rays from one point: brought into an order in which neighbours point alike, then traced in packets.
+
+use super::lens::Projected;
+use super::packet::{Packet, RAYS};
+use super::triangle::Ray;
+use super::{Renderer, Visible};
+use glam::DVec3;
+
+/// Bits of a ray's place along each axis of a face of the cube around the origin.
+const PLACE_BITS: u32 = 13;
+
+/// Rays from one point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bundle<'b> {
+    /// In the world.
+    pub(super) origin: DVec3,
+    pub(super) directions: &'b [DVec3],
+    /// Distances between which surface counts.
+    pub(super) range: (f64, f64),
+}
+
+impl Bundle<'_> {
+    /// What each ray meets first.
+    pub(super) fn first_hits(&self, renderer: &Renderer<'_>) -> Vec<Option<Visible>> {
+        let mut first: Vec<Option<Visible>> = vec![None; self.directions.len()];
+        self.trace(renderer, |index, found| {
+            let best = first[index].map_or(found, |best| best.nearer(found));
+            first[index] = Some(best);
+            best.crossing.distance
+        });
+        first
+    }
+
+    /// Whether each ray meets anything.
+    pub(super) fn blocked(&self, renderer: &Renderer<'_>) -> Vec<bool> {
+        let mut blocked = vec![false; self.directions.len()];
+        self.trace(renderer, |index, _| {
+            blocked[index] = true;
+            -1.0
+        });
+        blocked
+    }
+
+    /// Calls `take` with the numbers of rays and surface that they meet, the nearest of which is among it.
+    /// It answers with the distance beyond which the ray need not look; below 0 nowhere.
+    fn trace(&self, renderer: &Renderer<'_>, mut take: impl FnMut(usize, Visible) -> f64) {
+        let origin = self.origin - renderer.center;
+        let order = order(self.directions);
+        let (mut scratch, mut found) = (Projected::new(0.0), Vec::new());
+        for some in order.chunks(RAYS) {
+            let mut directions = [DVec3::ZERO; RAYS];
+            for (direction, &index) in directions.iter_mut().zip(some) {
+                *direction = self.directions[index as usize];
+            }
+            let directions = &directions[..some.len()];
+            let mut packet = Packet::new(origin, directions, self.range.1);
+            for (ray, &index) in some.iter().enumerate() {
+                let index = index as usize;
+                if !packet.has(ray) {
+                    let alone = renderer.first_visible(self.origin, directions[ray], self.range);
+                    alone.map(|visible| take(index, visible));
+                }
+            }
+            let rays: Vec<Ray> = directions.iter().map(|&d| Ray::new(origin, d)).collect();
+            packet.trace(
+                &renderer.clusters,
+                (&mut scratch, &mut found),
+                |ray, triangle| {
+                    let triangle = triangle as usize;
+                    let crossing = renderer.cross(&rays[ray], triangle, self.range)?;
+                    Some(take(some[ray] as usize, Visible { triangle, crossing }))
+                },
+            );
+        }
+    }
+}
+
+/// The numbers of directions, in an order in which neighbours point alike: along a curve on each face of
+/// the cube around their origin.
+fn order(directions: &[DVec3]) -> Vec<u32> {
+    let mut keys: Vec<(u32, u32)> = directions.iter().map(place).zip(0..).collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|(_, index)| index).collect()
+}
+
+/// A direction's face, then its place on the Z-order curve there.
+fn place(direction: &DVec3) -> u32 {
+    let size = direction.abs();
+    let axis = if size.x > size.y.max(size.z) {
+        0
+    } else if size.y > size.z {
+        1
+    } else {
+        2
+    };
+    let along = direction[axis];
+    let [x, y] = [1, 2].map(|other| direction[(axis + other) % 3] / along.abs());
+    let steps = f64::from(1u32 << (PLACE_BITS - 1));
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "between 0 and 2^PLACE_BITS; NaN becomes 0"
+    )]
+    let [x, y] = [x, y].map(|place| (((place + 1.0) * steps) as u32).min((1 << PLACE_BITS) - 1));
+    let face = 2 * axis as u32 + u32::from(along < 0.0);
+    face << (2 * PLACE_BITS) | spaced(x) << 1 | spaced(y)
+}
+
+/// The bits of a number of 16, with room for a bit between each two.
+fn spaced(value: u32) -> u32 {
+    let mut value = value & 0xffff;
+    for (shift, mask) in [
+        (8, 0x00ff_00ff),
+        (4, 0x0f0f_0f0f),
+        (2, 0x3333_3333),
+        (1, 0x5555_5555),
+    ] {
+        value = (value | value << shift) & mask;
+    }
+    value
+}
