@@ -8,7 +8,8 @@ embreex with its robust flag (triangle numbers alone; then everything it returns
 RaycastingScene, which sets Embree's robust flag itself and returns everything. Appends to
 OUT_DIR/visibility.csv and build.csv. `--arbitrate SIDE...` counts pixels of the same views that differ from
 the exact test of every candidate (arbitration.csv), `--lens SIDE...` times the views through a lens, drawn
-and with its rays traced one by one (lens.csv). `--leaks N` instead counts rays aimed at corners and edges of closed
+and with its rays traced together (lens.csv), `--rays SIDE...` the rays of the views' pixels one by one and
+together, beside embreex robust on the same rays (rays.csv). `--leaks N` instead counts rays aimed at corners and edges of closed
 spheres from inside that hit nothing, N of ours and a tenth of it for embreex with and without the
 robust flag, into OUT_DIR/leaks.csv.
 """
@@ -144,6 +145,32 @@ def through_lens(binary, sides, out):
     append(out / "lens.csv", rows)
 
 
+def many_rays(binary, sides, repeats, out):
+    for side in sides:
+        runs = [lines_of(binary, "rays", side) for _ in range(repeats)]
+        vertices, triangles = terrain(side)
+        scene, _ = embree(vertices, triangles, True)
+        rows = []
+        for index, eye in enumerate(EYES):
+            mine = {key: statistics.median(run[index][key] for run in runs) for key in runs[0][index]}
+            origins, directions = rays(eye)
+            full, _ = timed(repeats, lambda: scene.run(origins, directions, output=True))
+            occluded, _ = timed(repeats, lambda: scene.run(origins, directions, query="OCCLUDED"))
+            few = np.ascontiguousarray(directions[::1021])
+            sparse, _ = timed(repeats, lambda: [scene.run(origins[:len(few)], few, query="OCCLUDED")
+                                                for _ in range(20)])
+            rows.append({
+                "triangles": int(mine["triangles"]), "view": index, "hits": int(mine["hits"]),
+                "different": int(mine["different"]), "single_s": mine["single_s"],
+                "together_s": mine["together_s"], "any_s": mine["any_s"],
+                "embree_all_s": full, "embree_any_s": occluded,
+                "ratio_any": occluded / mine["any_s"],
+                "sparse_us_per_ray": mine["sparse_us_per_ray"],
+                "embree_sparse_us_per_ray": 1e6 * sparse / (20 * len(few)),
+            })
+        append(out / "rays.csv", rows)
+
+
 def leaks(binary, count, out):
     rows = [{"tracer": "mvs-eval", **row} for row in lines_of(binary, "leaks", count)]
     random = np.random.default_rng(17)
@@ -175,6 +202,7 @@ def main():
     parser.add_argument("--leaks", type=int)
     parser.add_argument("--arbitrate", type=int, nargs="+")
     parser.add_argument("--lens", type=int, nargs="+")
+    parser.add_argument("--rays", type=int, nargs="+")
     options = parser.parse_args()
     binary = options.binary
     if binary is None:
@@ -188,6 +216,8 @@ def main():
         append(options.out / "arbitration.csv", lines_of(binary, "arbitrate", *options.arbitrate))
     if options.lens:
         through_lens(binary, options.lens, options.out)
+    if options.rays:
+        many_rays(binary, options.rays, options.repeats, options.out)
     if options.leaks:
         leaks(binary, options.leaks, options.out)
 

@@ -1,9 +1,8 @@
 //! Many rays from one point: brought into an order in which neighbours point alike, then traced in packets.
 
-use super::lens::Projected;
-use super::packet::{Packet, RAYS};
+use super::packet::{Packet, RAYS, Room};
 use super::triangle::Ray;
-use super::{Renderer, Visible};
+use super::{Hit, Renderer, Visible};
 use glam::DVec3;
 
 /// Bits of a ray's place along each axis of a face of the cube around the origin.
@@ -21,14 +20,14 @@ pub(super) struct Bundle<'b> {
 
 impl Bundle<'_> {
     /// What each ray meets first.
-    pub(super) fn first_hits(&self, renderer: &Renderer<'_>) -> Vec<Option<Visible>> {
+    pub(super) fn first_hits(&self, renderer: &Renderer<'_>) -> Vec<Option<Hit>> {
         let mut first: Vec<Option<Visible>> = vec![None; self.directions.len()];
         self.trace(renderer, |index, found| {
             let best = first[index].map_or(found, |best| best.nearer(found));
             first[index] = Some(best);
             best.crossing.distance
         });
-        first
+        first.into_iter().map(|best| best.map(Hit::from)).collect()
     }
 
     /// Whether each ray meets anything.
@@ -46,7 +45,7 @@ impl Bundle<'_> {
     fn trace(&self, renderer: &Renderer<'_>, mut take: impl FnMut(usize, Visible) -> f64) {
         let origin = self.origin - renderer.center;
         let order = order(self.directions);
-        let (mut scratch, mut found) = (Projected::new(0.0), Vec::new());
+        let mut room = Room::new();
         for some in order.chunks(RAYS) {
             let mut directions = [DVec3::ZERO; RAYS];
             for (direction, &index) in directions.iter_mut().zip(some) {
@@ -61,16 +60,13 @@ impl Bundle<'_> {
                     alone.map(|visible| take(index, visible));
                 }
             }
-            let rays: Vec<Ray> = directions.iter().map(|&d| Ray::new(origin, d)).collect();
-            packet.trace(
-                &renderer.clusters,
-                (&mut scratch, &mut found),
-                |ray, triangle| {
-                    let triangle = triangle as usize;
-                    let crossing = renderer.cross(&rays[ray], triangle, self.range)?;
-                    Some(take(some[ray] as usize, Visible { triangle, crossing }))
-                },
-            );
+            let meet = |ray: usize, triangle: u32| {
+                let triangle = triangle as usize;
+                let line = Ray::new(origin, directions[ray]);
+                let crossing = renderer.cross(&line, triangle, self.range)?;
+                Some(take(some[ray] as usize, Visible { triangle, crossing }))
+            };
+            packet.trace(&renderer.clusters, (renderer.mesh, &mut room), meet);
         }
     }
 }

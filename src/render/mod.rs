@@ -21,6 +21,7 @@ mod lens;
 mod light;
 mod look;
 mod maps;
+mod meets;
 mod near;
 pub mod oracle;
 mod packet;
@@ -65,12 +66,16 @@ const CHUNK: usize = 1 << 14;
 fn in_chunks<T: Send>(
     directions: &[DVec3],
     trace: impl Fn(&[DVec3]) -> Vec<T> + Sync + Send,
-) -> impl Iterator<Item = T> {
+) -> Vec<T> {
     let chunks = parallel::map(directions.len().div_ceil(CHUNK), |chunk| {
         let first = chunk * CHUNK;
         trace(&directions[first..directions.len().min(first + CHUNK)])
     });
-    chunks.into_iter().flatten()
+    let mut all = Vec::with_capacity(directions.len());
+    for mut chunk in chunks {
+        all.append(&mut chunk);
+    }
+    all
 }
 
 /// How a view is rendered.
@@ -293,29 +298,27 @@ impl<'m> Renderer<'m> {
         directions: &[DVec3],
         range: (f64, f64),
     ) -> Vec<Option<Hit>> {
-        let all = in_chunks(directions, |directions| {
+        in_chunks(directions, |directions| {
             Bundle {
                 origin,
                 directions,
                 range,
             }
             .first_hits(self)
-        });
-        all.map(|visible| visible.map(Hit::from)).collect()
+        })
     }
 
     /// Whether [`Self::first_hit`] meets something, for many rays from one point, in their order, on all
     /// threads.
     pub fn blocked(&self, origin: DVec3, directions: &[DVec3], range: (f64, f64)) -> Vec<bool> {
-        let all = in_chunks(directions, |directions| {
+        in_chunks(directions, |directions| {
             Bundle {
                 origin,
                 directions,
                 range,
             }
             .blocked(self)
-        });
-        all.collect()
+        })
     }
 
     /// What the centre of each pixel of `view` sees, into `seen`: depth and normal to the bits that

@@ -12,11 +12,13 @@
 use super::cluster::Cluster;
 use super::clusters::{Child, Clusters, Wide};
 use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch};
-use super::lens::{Grid, Lens, Projected, SAMPLE_ERROR, ULP};
-use super::raster::spread;
+use super::lens::{Grid, Lens, Projected, SAMPLE_ERROR};
+use super::meets::Group;
 use super::scan::{Gaze, Look, Waiting};
 use super::tile::SIZE;
+use crate::ahead::prefetch;
 use glam::{DMat3, DVec2, DVec3};
+use mvs_datasets::scene::Mesh;
 
 /// Rays of a packet: a bit of a word each.
 pub(super) const RAYS: usize = 64;
@@ -87,7 +89,7 @@ impl Packet {
         for ray in bits(alive) {
             let place = (at[ray] * grid.focal + grid.shift).as_vec2();
             [packet.x[ray], packet.y[ray]] = place.to_array();
-            [packet.columns[ray], packet.rows[ray]] = place.floor().to_array();
+            [packet.columns[ray], packet.rows[ray]] = place.to_array().map(below);
             packet.set_limit(ray, limit);
         }
         packet
@@ -109,12 +111,17 @@ impl Packet {
     pub(super) fn trace(
         &mut self,
         clusters: &Clusters,
-        (scratch, found): (&mut Projected, &mut Vec<Candidate>),
+        (mesh, room): (&Mesh, &mut Room),
         mut meet: impl FnMut(usize, u32) -> Option<f64>,
     ) {
         let mut alive = self.alive;
-        let mut children = Vec::new();
-        let mut waiting = vec![(Waiting::ROOT, alive)];
+        let Room {
+            scratch,
+            found,
+            children,
+            waiting,
+        } = room;
+        waiting.push((Waiting::ROOT, alive));
         while let Some((next, rays)) = waiting.pop() {
             let rays = self.within(next.depth, rays & alive);
             if rays == 0 {
@@ -129,8 +136,8 @@ impl Packet {
                         packet: self,
                         node: &clusters.nodes[index as usize],
                         rays,
-                        children: &mut children,
-                        waiting: &mut waiting,
+                        children,
+                        waiting,
                     });
                     waiting[first..].sort_unstable_by(|(a, _), (b, _)| b.depth.total_cmp(&a.depth));
                 }
@@ -144,6 +151,7 @@ impl Packet {
                         scratch,
                         found,
                     });
+                    fetch(mesh, found);
                     for &Candidate { ray, triangle } in &*found {
                         let ray = usize::from(ray);
                         if alive >> ray & 1 == 0 {
@@ -166,6 +174,48 @@ impl Packet {
     }
 }
 
+/// What packets are traced with, one after the other.
+pub(super) struct Room {
+    scratch: Projected,
+    found: Vec<Candidate>,
+    children: Vec<Waiting>,
+    waiting: Vec<(Waiting, u64)>,
+}
+
+impl Room {
+    pub(super) fn new() -> Self {
+        Self {
+            scratch: Projected::new(0.0),
+            found: Vec::new(),
+            children: Vec::new(),
+            waiting: Vec::new(),
+        }
+    }
+}
+
+/// The whole number not above a number of at least about 0.
+fn below(value: f32) -> f32 {
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "less than 64; what rounding put below 0 becomes 0"
+    )]
+    let whole = value as u32;
+    whole as f32
+}
+
+/// Asks for the corners of triangles ahead of the exact test.
+fn fetch(mesh: &Mesh, found: &[Candidate]) {
+    for candidate in found {
+        prefetch(mesh.triangles(), candidate.triangle as usize);
+    }
+    for candidate in found {
+        for vertex in mesh.triangles()[candidate.triangle as usize] {
+            prefetch(mesh.vertices(), vertex as usize);
+        }
+    }
+}
+
 /// A triangle that a ray may meet.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
@@ -174,11 +224,12 @@ pub(super) struct Candidate {
 }
 
 /// The numbers of the bits that are set.
+#[inline(always)]
 fn bits(mut bits: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let next = bits.trailing_zeros() as usize;
         bits &= bits.wrapping_sub(1);
-        (next < RAYS).then_some(next)
+        (next < RAYS).then_some(next % RAYS)
     })
 }
 
@@ -211,28 +262,38 @@ impl Task for Enter<'_> {
                 self.waiting.push((*child, self.rays));
                 continue;
             }
-            let [left, right] = [child.from, child.to].map(|spot| l.splat(spot.column as f32));
-            let [top, bottom] = [child.from, child.to].map(|spot| l.splat(spot.row as f32));
-            let depth = l.splat(child.depth);
-            let mut rays = 0;
-            for chunk in 0..RAYS / LANES {
-                if self.rays >> (chunk * LANES) & u64::from(ALL) == 0 {
-                    continue;
-                }
-                let x = l.load(&eight(&packet.columns, chunk));
-                let y = l.load(&eight(&packet.rows, chunk));
-                let limit = l.load(&eight(&packet.limits, chunk));
-                let beside = l.or(l.below(x, left), l.below(right, x));
-                let above = l.or(l.below(y, top), l.below(bottom, y));
-                let out = l.or(l.or(beside, above), l.below(limit, depth));
-                rays |= u64::from(!l.bits(out) & ALL) << (chunk * LANES);
-            }
-            let rays = rays & self.rays;
+            let [left, right] = [child.from, child.to].map(|spot| spot.column as f32);
+            let [top, bottom] = [child.from, child.to].map(|spot| spot.row as f32);
+            let places = (&packet.columns, &packet.rows);
+            let rays = inside(l, places, [left, right, top, bottom], self.rays);
             if rays != 0 {
                 self.waiting.push((*child, rays));
             }
         }
     }
+}
+
+/// Those of `rays` whose places lie in a box: left, right, top, bottom.
+#[inline(always)]
+fn inside<L: Lanes>(
+    l: L,
+    (columns, rows): (&[f32; RAYS], &[f32; RAYS]),
+    sides: [f32; 4],
+    rays: u64,
+) -> u64 {
+    let [left, right, top, bottom] = sides.map(|side| l.splat(side));
+    let mut within = 0;
+    for chunk in 0..RAYS / LANES {
+        if rays >> (chunk * LANES) & u64::from(ALL) == 0 {
+            continue;
+        }
+        let x = l.load(&eight(columns, chunk));
+        let y = l.load(&eight(rows, chunk));
+        let beside = l.or(l.below(x, left), l.below(right, x));
+        let above = l.or(l.below(y, top), l.below(bottom, y));
+        within |= u64::from(!l.bits(l.or(beside, above)) & ALL) << (chunk * LANES);
+    }
+    within & rays
 }
 
 /// Finds the triangles of a cluster that some of the rays may meet: all of them where the cluster comes too
@@ -269,14 +330,9 @@ impl Task for Find<'_> {
         }
         let error = scratch.error + SAMPLE_ERROR;
         let [left, right, top, bottom] = scratch.extent;
-        let (mut near, mut count) = ([0u8; RAYS], 0);
-        for ray in bits(rays) {
-            let (x, y) = (packet.x[ray], packet.y[ray]);
-            let beside = x < left - error || right + error < x;
-            near[count % RAYS] = ray as u8;
-            count += usize::from(!(beside || y < top - error || bottom + error < y));
-        }
-        if count == 0 {
+        let sides = [left - error, right + error, top - error, bottom + error];
+        let rays = inside(l, (&packet.x, &packet.y), sides, rays);
+        if rays == 0 {
             return;
         }
         for eight in cluster.groups() {
@@ -284,78 +340,15 @@ impl Task for Find<'_> {
             let ys = l.gather(&scratch.y, scratch.few, &eight.places);
             let group = Group::new(l, xs, ys, error);
             let used = ALL >> (LANES - eight.used);
-            for &ray in &near[..count] {
-                let place = usize::from(ray) % RAYS;
-                let met = group.may_meet(l, packet.x[place], packet.y[place]);
+            for ray in bits(rays) {
+                let met = group.may_meet(l, packet.x[ray], packet.y[ray]);
                 for lane in SetBits(met & used) {
-                    let triangle = eight.number(lane);
-                    found.push(Candidate { ray, triangle });
+                    found.push(Candidate {
+                        ray: ray as u8,
+                        triangle: eight.number(lane),
+                    });
                 }
             }
         }
-    }
-}
-
-/// Eight triangles among the samples.
-struct Group<L: Lanes> {
-    xs: [L::V; 3],
-    ys: [L::V; 3],
-    /// The boxes around them, enlarged by what they may be off.
-    low: [L::V; 2],
-    high: [L::V; 2],
-    /// How far edge functions may be off within those, and the same below 0.
-    doubt: L::V,
-    below: L::V,
-}
-
-impl<L: Lanes> Group<L> {
-    /// Triangles whose corners may be off by `error` from a ray's place.
-    #[inline(always)]
-    fn new(l: L, xs: [L::V; 3], ys: [L::V; 3], error: f32) -> Self {
-        let off = l.splat(error);
-        let (left, right) = spread(l, xs);
-        let (top, bottom) = spread(l, ys);
-        let (low, high) = (
-            [l.sub(left, off), l.sub(top, off)],
-            [l.add(right, off), l.add(bottom, off)],
-        );
-        // A function is a difference of two products of a distance across and one down, neither larger
-        // than the box: each distance may be off by the error, each product by a few roundings.
-        let (width, height) = (l.sub(high[0], low[0]), l.sub(high[1], low[1]));
-        let moved = l.mul(l.add(l.add(width, height), off), l.splat(2.0 * error));
-        let rounded = l.mul(l.mul(width, height), l.splat(8.0 * ULP));
-        let doubt = l.add(moved, rounded);
-        Self {
-            xs,
-            ys,
-            low,
-            high,
-            doubt,
-            below: l.sub(l.splat(0.0), doubt),
-        }
-    }
-
-    /// Those that a ray may meet, as bits.
-    #[inline(always)]
-    fn may_meet(&self, l: L, x: f32, y: f32) -> u32 {
-        let (x, y) = (l.splat(x), l.splat(y));
-        let beside = l.or(l.below(x, self.low[0]), l.below(self.high[0], x));
-        let above = l.or(l.below(y, self.low[1]), l.below(self.high[1], y));
-        let out = l.bits(l.or(beside, above));
-        if out == ALL {
-            return 0;
-        }
-        let (mut across, mut down) = (self.xs, self.ys);
-        for corner in 0..3 {
-            across[corner] = l.sub(self.xs[corner], x);
-            down[corner] = l.sub(self.ys[corner], y);
-        }
-        let mut sides = across;
-        for (corner, (from, to)) in [(1, 2), (2, 0), (0, 1)].into_iter().enumerate() {
-            let one = l.mul(across[from], down[to]);
-            sides[corner] = l.sub(one, l.mul(across[to], down[from]));
-        }
-        let (least, greatest) = spread(l, sides);
-        ALL & !out & !(l.less(least, self.below) & l.less(self.doubt, greatest))
     }
 }
