@@ -8,7 +8,7 @@ embreex with its robust flag (triangle numbers alone; then everything it returns
 RaycastingScene, which sets Embree's robust flag itself and returns everything. Appends to
 OUT_DIR/visibility.csv and build.csv. `--arbitrate SIDE...` counts pixels of the same views that differ from
 the exact test of every candidate (arbitration.csv), `--lens SIDE...` times the views through a lens, drawn
-and with its rays traced together (lens.csv), `--rays SIDE...` the rays of the views' pixels one by one and
+and with its rays traced one by one (lens.csv), `--rays SIDE...` the rays of the views' pixels one by one and
 together, beside embreex robust on the same rays (rays.csv). `--leaks N` instead counts rays aimed at corners and edges of closed
 spheres from inside that hit nothing, N of ours and a tenth of it for embreex with and without the
 robust flag, into OUT_DIR/leaks.csv.
