@@ -3,6 +3,7 @@
 pub mod augment;
 mod fit;
 pub(crate) mod masked;
+mod order;
 mod pairs;
 mod photos;
 mod plan;

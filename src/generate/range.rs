@@ -1,5 +1,6 @@
 //! The depth range of a view from its rendered depth.
 
+use super::order;
 use crate::error::{Error, Result};
 use mvs_datasets::scene::{DepthMap, DepthRange};
 use serde::{Deserialize, Serialize};
@@ -30,17 +31,13 @@ pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Opt
         let problem = format!("expected a finite fraction of at least 0, found {margin}");
         return Err(Error::invalid("range margin", problem));
     }
-    // Numbers above 0 are ordered as their bits are.
-    let valid = depth.values().iter().filter(|&&z| z > 0.0);
-    let mut depths: Vec<u32> = valid.map(|z| z.to_bits()).collect();
-    if depths.is_empty() {
+    let Some(extent) = order::extent(depth) else {
         return Ok(None);
-    }
-    let fractions = match rule {
-        RangeRule::Percentile => (0.01, 0.99),
-        RangeRule::Full | RangeRule::Widened => (0.0, 1.0),
     };
-    let (low, high) = percentiles(&mut depths, fractions);
+    let (low, high) = match rule {
+        RangeRule::Percentile => percentiles(depth, extent.count),
+        RangeRule::Full | RangeRule::Widened => (extent.smallest, extent.largest),
+    };
     let (low, high) = not_empty(f64::from(low), f64::from(high));
     let length = high - low;
     let (min, max) = match rule {
@@ -51,21 +48,17 @@ pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Opt
     Ok(Some(DepthRange::new(min, max + margin * length)?))
 }
 
-/// The numbers whose bits stand at indices int(fraction · n) when they are ascending, of which there is
-/// at least one; the fractions too are ascending.
-fn percentiles(bits: &mut [u32], fractions: (f64, f64)) -> (f32, f32) {
-    let count = bits.len();
+/// The depths at indices int(.01 n) and int(.99 n) of the n ≥ 1 ascending ones.
+fn percentiles(depth: &DepthMap, count: usize) -> (f32, f32) {
     #[allow(
         clippy::cast_precision_loss,
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "a fraction of a count is a count"
     )]
-    let index = |fraction: f64| ((fraction * count as f64) as usize).min(count - 1);
-    let (low, high) = (index(fractions.0), index(fractions.1));
-    let high_value = *bits.select_nth_unstable(high).1;
-    let low_value = *bits[..=high].select_nth_unstable(low).1;
-    (f32::from_bits(low_value), f32::from_bits(high_value))
+    let index = |fraction: f64| (fraction * count as f64) as usize;
+    let [low, high] = order::at_ranks(depth, count, [index(0.01), index(0.99)]);
+    (low, high)
 }
 
 /// A range that is not empty even for a surface at one depth.
@@ -87,9 +80,7 @@ fn widened(low: f64, high: f64) -> (f64, f64) {
 /// How many depths a reader of the BlendedMVS kind keeps: those in (min + Δ, min + 126·Δ].
 pub fn kept_by_readers(depth: &DepthMap, range: &DepthRange) -> usize {
     let interval = range.interval(HYPOTHESES);
-    let (low, high) = (range.min() + interval, range.min() + 126.0 * interval);
-    let kept = |&&z: &&f32| f64::from(z) > low && f64::from(z) <= high;
-    depth.values().iter().filter(kept).count()
+    order::count_within(depth, (range.min() + interval, range.min() + 126.0 * interval))
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! One view: render, blend, write, and remember what was written.
 
 use super::masked;
+use super::order::{self, Extent};
 use super::plan;
 use super::range::{self, RangeRule};
 use super::visibility;
@@ -107,29 +108,31 @@ impl ViewWork<'_> {
         })
     }
 
-    /// The view's depth range, and a warning where the wanted rule left nothing inside or lost what it
-    /// is there to keep.
-    fn range(&self, view: &View, depth: &DepthMap) -> Result<(DepthRange, Option<Coded>)> {
+    /// The view's depth range, how many depths readers keep of it, and a warning where the wanted rule
+    /// left nothing inside or lost what it is there to keep.
+    fn range(
+        &self,
+        view: &View,
+        (depth, extent): (&DepthMap, Extent),
+    ) -> Result<(DepthRange, usize, Option<Coded>)> {
         let (rule, margin) = (self.options.range, self.options.range_margin);
-        let none = || {
-            let problem = "expected rendered surface at some pixel centre, found none";
-            Error::invalid(format!("view {}", view.id), problem)
-        };
+        let none = || no_surface(view);
         let range = range::depth_range(depth, rule, margin)?.ok_or_else(none)?;
-        let (kept, all) = (range::kept_by_readers(depth, &range), depth.valid_count());
+        let (kept, all) = (range::kept_by_readers(depth, &range), extent.count);
         if kept > 0 {
             let lost = rule == RangeRule::Widened && kept < all;
             let warning = lost.then(|| {
-                let (low, high) = extent(depth);
                 let message = format!(
-                    "view {}: readers lose {} of {all} depths, which reach from {low} to {high}: no \
-                     range holds more than a ratio of about 124",
+                    "view {}: readers lose {} of {all} depths, which reach from {} to {}: no range \
+                     holds more than a ratio of about 124",
                     view.id,
-                    all - kept
+                    all - kept,
+                    extent.smallest,
+                    extent.largest
                 );
                 ("depth-lost".to_owned(), message)
             });
-            return Ok((range, warning));
+            return Ok((range, kept, warning));
         }
         let widened = range::depth_range(depth, RangeRule::Widened, margin)?.ok_or_else(none)?;
         let warning = format!(
@@ -140,7 +143,12 @@ impl ViewWork<'_> {
             widened.min(),
             widened.max()
         );
-        Ok((widened, Some(("range-widened".to_owned(), warning))))
+        let kept = range::kept_by_readers(depth, &widened);
+        Ok((
+            widened,
+            kept,
+            Some(("range-widened".to_owned(), warning)),
+        ))
     }
 
     /// Writes all files of the view.
@@ -155,13 +163,15 @@ impl ViewWork<'_> {
             quality: self.options.jpeg_quality,
             subsample_chroma: !self.options.full_chroma,
         };
-        let (range, warning) = self.range(view, &rendering.depth)?;
+        let depth = &rendering.depth;
+        let extent = order::extent(depth).ok_or_else(|| no_surface(view))?;
+        let (range, kept, warning) = self.range(view, (depth, extent))?;
         let ranged = View {
             depth_range: Some(range),
             ..view.clone()
         };
         let masked_jpeg = write_images(folder, id, images, jpeg)?;
-        folder.write_depth(id, &rendering.depth)?;
+        folder.write_depth(id, depth)?;
         folder.write_cam(&ranged, self.options.pixel_centre)?;
         let mut written = vec![
             folder.image(id),
@@ -176,11 +186,11 @@ impl ViewWork<'_> {
             id,
             name: view.name.clone(),
             plan,
-            size: rendering.depth.size(),
-            depth: extent(&rendering.depth),
+            size: depth.size(),
+            depth: (extent.smallest, extent.largest),
             range: (range.min(), range.max()),
-            surface: rendering.depth.valid_count(),
-            kept_by_readers: range::kept_by_readers(&rendering.depth, &range),
+            surface: extent.count,
+            kept_by_readers: kept,
             back_faces: rendering.count(Sight::BackFace),
             masked_jpeg,
             files: hashes(folder.path(), &written)?,
@@ -412,12 +422,10 @@ fn finished(folder: &BlendedFolder, path: &Path, digest: &str) -> Option<ViewRec
     (record.plan == digest && record.files.iter().all(unchanged)).then_some(record)
 }
 
-/// The smallest and the largest depth.
-fn extent(depth: &DepthMap) -> (f32, f32) {
-    let valid = depth.values().iter().copied().filter(|&z| z > 0.0);
-    valid.fold((f32::INFINITY, 0.0), |(low, high), z| {
-        (low.min(z), high.max(z))
-    })
+/// Why a view without depth cannot be finished.
+fn no_surface(view: &View) -> Error {
+    let problem = "expected rendered surface at some pixel centre, found none";
+    Error::invalid(format!("view {}", view.id), problem)
 }
 
 /// BLAKE3 of each path, by its path in `root`.
