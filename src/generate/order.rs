@@ -125,7 +125,10 @@ impl<'a> Tried<'a> {
             reason = "fractions and roots of counts"
         )]
         let (place, margin) = {
-            let (count, part) = (self.some.len() as f64, rank as f64 / self.values.len() as f64);
+            let (count, part) = (
+                self.some.len() as f64,
+                rank as f64 / self.values.len() as f64,
+            );
             let stray = (count * part * (1.0 - part)).sqrt();
             ((part * count) as usize, (4.0 * stray) as usize + 2)
         };

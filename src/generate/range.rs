@@ -80,7 +80,10 @@ fn widened(low: f64, high: f64) -> (f64, f64) {
 /// How many depths a reader of the BlendedMVS kind keeps: those in (min + Δ, min + 126·Δ].
 pub fn kept_by_readers(depth: &DepthMap, range: &DepthRange) -> usize {
     let interval = range.interval(HYPOTHESES);
-    order::count_within(depth, (range.min() + interval, range.min() + 126.0 * interval))
+    order::count_within(
+        depth,
+        (range.min() + interval, range.min() + 126.0 * interval),
+    )
 }
 
 #[cfg(test)]

@@ -85,8 +85,10 @@ impl ViewWork<'_> {
 
     /// Renders and blends.
     fn images(&self, given: &View, fitted: &View) -> Result<Images> {
+        let extras = &self.options.extras;
         let render = RenderOptions {
-            interpolated_normals: self.options.extras.contains(&Extra::InterpolatedNormals),
+            normals: extras.contains(&Extra::Normals) || extras.contains(&Extra::Occlusion),
+            interpolated_normals: extras.contains(&Extra::InterpolatedNormals),
             ..self.options.render.clone()
         };
         let rendering = self.renderer.render(fitted, &render)?;
@@ -144,11 +146,7 @@ impl ViewWork<'_> {
             widened.max()
         );
         let kept = range::kept_by_readers(depth, &widened);
-        Ok((
-            widened,
-            kept,
-            Some(("range-widened".to_owned(), warning)),
-        ))
+        Ok((widened, kept, Some(("range-widened".to_owned(), warning))))
     }
 
     /// Writes all files of the view.
@@ -231,7 +229,9 @@ impl ViewWork<'_> {
                 path
             }
             Extra::Normals => {
-                folder.write_normals(id, &rendering.normals)?;
+                if let Some(normals) = &rendering.normals {
+                    folder.write_normals(id, normals)?;
+                }
                 folder.normals(id)
             }
             Extra::InterpolatedNormals => {

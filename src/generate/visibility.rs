@@ -1,11 +1,11 @@
 //! What a view's pixels show of other views' sight, and where its depth jumps.
 
 use super::pairs::{self, SurfacePoint};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::parallel;
 use crate::render::{Renderer, Rendering};
 use glam::{DVec2, DVec3};
-use mvs_datasets::scene::{DepthMap, Mask, Raster, View};
+use mvs_datasets::scene::{DepthMap, Mask, NormalMap, Raster, View};
 use std::ops::Range;
 
 /// No surface, or outside the source's image.
@@ -16,17 +16,20 @@ pub const OCCLUDED: u8 = 128;
 pub const VISIBLE: u8 = 255;
 
 /// For each pixel of `view`, rendered as `rendering`: whether `source` sees its surface. Values
-/// [`OUTSIDE`], [`OCCLUDED`], [`VISIBLE`].
+/// [`OUTSIDE`], [`OCCLUDED`], [`VISIBLE`]. The rendering must have normals.
 pub fn occlusion(
     renderer: &Renderer,
     (view, rendering): (&View, &Rendering),
     source: &View,
 ) -> Result<Raster<u8>> {
     let (width, height) = rendering.depth.size();
+    let missing = || Error::invalid("rendering", "expected normals, found none");
+    let normals = rendering.normals.as_ref().ok_or_else(missing)?;
+    let maps = (&rendering.depth, normals);
     let bands = parallel::map(height.div_ceil(BAND) as usize, |band| {
         let first = BAND * band as u32;
         let rows = first..height.min(first + BAND);
-        seen(renderer, (view, rendering), source, rows)
+        seen(renderer, (view, maps), source, rows)
     });
     let values = bands.into_iter().flatten().collect();
     Ok(Raster::from_values(width, height, values)?)
@@ -38,23 +41,23 @@ const BAND: u32 = 8;
 /// The pixels of some rows.
 fn seen(
     renderer: &Renderer,
-    (view, rendering): (&View, &Rendering),
+    (view, (depth, normals)): (&View, (&DepthMap, &NormalMap)),
     source: &View,
     rows: Range<u32>,
 ) -> Vec<u8> {
-    let (width, _) = rendering.depth.size();
+    let (width, _) = depth.size();
     let mut values = vec![OUTSIDE; rows.len() * width as usize];
     let (mut places, mut points) = (Vec::new(), Vec::new());
     let pixels = rows.flat_map(|row| (0..width).map(move |column| (column, row)));
     for (place, (column, row)) in pixels.enumerate() {
-        let depth = f64::from(rendering.depth.get(column, row));
+        let depth = f64::from(depth.get(column, row));
         if depth == 0.0 {
             continue;
         }
         let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
         let position = view.pose.to_world(depth * view.camera.ray(pixel));
         if pairs::in_frame(source, position) {
-            let normal = rendering.normals.get(column, row).map(f64::from);
+            let normal = normals.get(column, row).map(f64::from);
             let normal = view.pose.direction_to_world(DVec3::from_array(normal));
             places.push(place);
             points.push(SurfacePoint { position, normal });
@@ -146,7 +149,7 @@ mod tests {
         for row in 0..40 {
             for column in 0..60 {
                 let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-                let depth = f64::from(rendering.depth.get(column, row));
+                let depth = f64::from(depth.get(column, row));
                 let position = reference.pose.to_world(depth * reference.camera.ray(pixel));
                 let value = expected(position, &source);
                 assert_eq!(found.get(column, row), value, "{column} {row}");

@@ -171,9 +171,11 @@ fn write_extras(
     for extra in &job.extras {
         match extra {
             RenderExtra::Normals => {
-                files::write_atomically(&name("normals", ".pfm"), |file| {
-                    pfm::write_color(file, &rendering.normals)
-                })?;
+                if let Some(normals) = &rendering.normals {
+                    files::write_atomically(&name("normals", ".pfm"), |file| {
+                        pfm::write_color(file, normals)
+                    })?;
+                }
             }
             RenderExtra::InterpolatedNormals => {
                 if let Some(normals) = &rendering.interpolated_normals {
@@ -199,6 +201,7 @@ fn render_view(
     out: &OutDir,
 ) -> Result<RenderedView> {
     let options = RenderOptions {
+        normals: job.extras.contains(&RenderExtra::Normals),
         interpolated_normals: job.extras.contains(&RenderExtra::InterpolatedNormals),
         ..job.render.clone()
     };

@@ -7,7 +7,7 @@ use super::lens::Place;
 use super::rays::Probe;
 use super::scan::scan;
 use super::surface::Frame;
-use super::tile::{Spot, Tile};
+use super::tile::{SIZE, Spot, Tile};
 use glam::DVec3;
 
 /// The tree of a mesh, and the largest distance from its centre.
@@ -104,9 +104,11 @@ impl<'p> Look<'p> {
         }
     }
 
-    /// The visible triangles of samples side by side from `first` on, [`NONE`] where there is none.
-    pub(crate) fn triangles(&self, first: Spot, width: usize) -> &[u32] {
-        &self.tile.row(first.row, first.column + width)[first.column..]
+    /// The visible triangles of a row's samples, [`super::tile::NONE`] where there is none and beyond the
+    /// used part.
+    #[inline(always)]
+    pub(crate) fn row(&self, row: usize) -> &[u32] {
+        self.tile.row(row, SIZE)
     }
 
     /// Whether the directions of a row's samples differ from another row's in y alone.

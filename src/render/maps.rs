@@ -297,7 +297,7 @@ fn settle(frame: &Frame<'_>, direction: DVec3, (line, column): (&mut Line, usize
 
 /// The pixels of a row that see another triangle than the one before, as bits.
 #[inline(always)]
-fn starts<L: Lanes>(l: L, ids: &[u32]) -> u64 {
+pub(super) fn starts<L: Lanes>(l: L, ids: &[u32]) -> u64 {
     let mut shifted = [0; SIZE];
     let mut here = [0; SIZE];
     here.copy_from_slice(ids);

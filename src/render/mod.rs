@@ -90,6 +90,10 @@ pub struct RenderOptions {
     pub background: [u8; 3],
     /// What the backs of triangles are.
     pub back_faces: BackFaces,
+    /// Whether [`Rendering::normals`] are made: a third of what a rendering holds. What is recorded of a
+    /// job does not depend on it.
+    #[serde(skip)]
+    pub normals: bool,
     /// Whether [`Rendering::interpolated_normals`] are made.
     pub interpolated_normals: bool,
 }
@@ -100,6 +104,7 @@ impl Default for RenderOptions {
             samples: 16,
             background: [0; 3],
             back_faces: BackFaces::Invalid,
+            normals: true,
             interpolated_normals: false,
         }
     }
@@ -127,8 +132,8 @@ pub struct Rendering {
     pub color: ColorImage,
     /// z-depth, 0 where no surface is met.
     pub depth: DepthMap,
-    /// Geometric normals, camera frame, facing the camera.
-    pub normals: NormalMap,
+    /// Geometric normals, camera frame, facing the camera, unless they are not wanted.
+    pub normals: Option<NormalMap>,
     /// Normals interpolated between vertices, each the area-weighted mean of its triangles; camera
     /// frame, facing the camera. Made only when asked for.
     pub interpolated_normals: Option<NormalMap>,

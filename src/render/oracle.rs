@@ -6,6 +6,7 @@ use super::eye::Eye;
 use super::picture::Maps;
 use super::sight::{Samples, Sight};
 use super::surface::{self, Frame};
+use super::texture::Parts;
 use super::triangle::{Crossing, Ray};
 use super::{Hit, Pixel, RenderOptions, Rendering, Visible};
 use crate::error::Result;
@@ -58,8 +59,8 @@ impl<'m> Oracle<'m> {
         let mut maps = Maps::empty((width as usize, count), options);
         for (index, (pixel, painted)) in rows.into_iter().flatten().enumerate() {
             maps.set(index, &pixel);
-            if let Some(painted) = painted {
-                maps.paint(index, painted);
+            if let Some((samples, center)) = painted {
+                maps.paint(index, samples, || center);
             }
         }
         maps.finish((width, height))
@@ -85,13 +86,13 @@ impl<'m> Oracle<'m> {
             .map(Hit::from)
     }
 
-    /// A pixel, and its colour if it shows surface.
+    /// A pixel; if it shows surface, its samples, and the colour at its centre.
     fn pixel(
         &self,
         (frame, view): (&Frame<'_>, &View),
         (column, row): (usize, usize),
         side: u32,
-    ) -> (Pixel, Option<([u8; 3], Sight)>) {
+    ) -> (Pixel, Option<(Samples, Parts)>) {
         let look = |side: u32, column: usize, row: usize| {
             let direction = Eye::new(*frame, side).direction(column, row);
             if !direction.is_finite() {
@@ -129,8 +130,8 @@ impl<'m> Oracle<'m> {
             let seen = seen.map(|seen| frame.patch(seen.triangle).glimpse(direction));
             samples.add(seen, f64::from(pixel.depth));
         }
-        let painted = samples.finish(|| frame.patch(center.triangle).glimpse(direction).color);
-        (pixel, Some(painted))
+        let at_center = frame.patch(center.triangle).glimpse(direction).color;
+        (pixel, Some((samples, at_center)))
     }
 
     fn nearest(

@@ -5,11 +5,11 @@ use super::lanes::LANES;
 use super::lens::Place;
 use super::look::{Look, Scenery, spots};
 use super::maps::Resolver;
-use super::shade::{Row, runs};
+use super::shade::{Brushes, Painting};
 use super::sight::{Samples, Sight};
-use super::surface::{Facet, Frame, Patch};
+use super::surface::{Facet, Frame};
 use super::texture::Parts;
-use super::tile::{SIZE, Spot};
+use super::tile::{NONE, SIZE, Spot};
 use super::{Pixel, RenderOptions, Rendering, Seen};
 use crate::error::Result;
 use crate::parallel;
@@ -56,8 +56,8 @@ pub(crate) struct Maps {
     width: usize,
     color: Vec<[u8; 3]>,
     depth: Vec<f32>,
+    /// Empty where not wanted, as the next.
     normals: Vec<[f32; 3]>,
-    /// Empty where not wanted.
     interpolated: Vec<[f32; 3]>,
     sight: Vec<Sight>,
 }
@@ -65,15 +65,16 @@ pub(crate) struct Maps {
 impl Maps {
     /// Maps of `count` pixels, `width` in a row, that see nothing.
     pub(crate) fn empty((width, count): (usize, usize), options: &RenderOptions) -> Self {
+        let normals = |wanted| match wanted {
+            true => vec![[0.0; 3]; count],
+            false => Vec::new(),
+        };
         Self {
             width,
             color: vec![options.background; count],
             depth: vec![0.0; count],
-            normals: vec![[0.0; 3]; count],
-            interpolated: match options.interpolated_normals {
-                true => vec![[0.0; 3]; count],
-                false => Vec::new(),
-            },
+            normals: normals(options.normals),
+            interpolated: normals(options.interpolated_normals),
             sight: vec![Sight::Nothing; count],
         }
     }
@@ -85,7 +86,9 @@ impl Maps {
             let (from, to) = (from..from + tile.width, to..to + tile.width);
             self.color[to.clone()].copy_from_slice(&tile.color[from.clone()]);
             self.depth[to.clone()].copy_from_slice(&tile.depth[from.clone()]);
-            self.normals[to.clone()].copy_from_slice(&tile.normals[from.clone()]);
+            if !self.normals.is_empty() {
+                self.normals[to.clone()].copy_from_slice(&tile.normals[from.clone()]);
+            }
             if !self.interpolated.is_empty() {
                 self.interpolated[to.clone()].copy_from_slice(&tile.interpolated[from.clone()]);
             }
@@ -95,19 +98,23 @@ impl Maps {
 
     /// Takes depth and normals of all pixels; `is_hollow` tells of a triangle whether what is seen of it
     /// is no surface.
-    fn take(&mut self, seen: &Seen, mut is_hollow: impl FnMut(u32) -> bool) {
-        self.depth.copy_from_slice(&seen.depth);
-        self.normals.copy_from_slice(&seen.normals);
-        for (triangle, (from, to)) in runs(&seen.triangles) {
+    fn take(&mut self, seen: &mut Seen, mut is_hollow: impl FnMut(u32) -> bool) {
+        std::mem::swap(&mut self.depth, &mut seen.depth);
+        if !self.normals.is_empty() {
+            std::mem::swap(&mut self.normals, &mut seen.normals);
+        }
+        for (triangle, pixels) in runs(&seen.triangles) {
             let sight = match triangle {
                 None => continue,
                 Some(triangle) if is_hollow(triangle) => Sight::BackFace,
                 Some(_) => Sight::Surface,
             };
-            self.sight[from..to].fill(sight);
+            self.sight[pixels.clone()].fill(sight);
             if sight == Sight::BackFace {
-                self.depth[from..to].fill(0.0);
-                self.normals[from..to].fill([0.0; 3]);
+                self.depth[pixels.clone()].fill(0.0);
+                if !self.normals.is_empty() {
+                    self.normals[pixels].fill([0.0; 3]);
+                }
             }
         }
     }
@@ -115,35 +122,71 @@ impl Maps {
     /// Sets everything but the colour.
     pub(crate) fn set(&mut self, index: usize, pixel: &Pixel) {
         self.depth[index] = pixel.depth;
-        self.normals[index] = pixel.normal;
+        if let Some(normal) = self.normals.get_mut(index) {
+            *normal = pixel.normal;
+        }
         if let Some(interpolated) = self.interpolated.get_mut(index) {
             *interpolated = pixel.interpolated;
         }
         self.sight[index] = pixel.sight;
     }
 
-    /// Whether some of these pixels show surface.
-    fn is_surface(&self, pixels: Range<usize>) -> bool {
-        self.sight[pixels].contains(&Sight::Surface)
+    /// What these pixels show.
+    #[inline(always)]
+    pub(crate) fn sights(&self, pixels: &Range<usize>) -> &[Sight] {
+        &self.sight[pixels.clone()]
     }
 
-    /// Sets the colour, and whether the samples agree.
-    pub(crate) fn paint(&mut self, index: usize, (color, sight): ([u8; 3], Sight)) {
-        self.color[index] = color;
-        self.sight[index] = sight;
+    /// The depths of these pixels.
+    #[inline(always)]
+    pub(crate) fn depths(&self, pixels: &Range<usize>) -> &[f32] {
+        &self.depth[pixels.clone()]
+    }
+
+    /// The colours of these pixels.
+    #[inline(always)]
+    pub(crate) fn colors(&mut self, pixels: &Range<usize>) -> &mut [[u8; 3]] {
+        &mut self.color[pixels.clone()]
+    }
+
+    /// Sets a pixel's colour if it shows surface, and whether the samples agree.
+    pub(crate) fn paint(
+        &mut self,
+        index: usize,
+        samples: Samples,
+        at_center: impl FnOnce() -> Parts,
+    ) {
+        if self.sight[index] == Sight::Surface {
+            (self.color[index], self.sight[index]) = samples.finish(at_center);
+        }
     }
 
     pub(crate) fn finish(self, (width, height): (u32, u32)) -> Result<Rendering> {
-        let wanted = !self.interpolated.is_empty();
-        let interpolated = wanted.then(|| Raster::from_values(width, height, self.interpolated));
+        let map = |normals: Vec<_>| {
+            let wanted = !normals.is_empty();
+            wanted.then(|| Raster::from_values(width, height, normals))
+        };
         Ok(Rendering {
             color: Raster::from_values(width, height, self.color)?,
             depth: DepthMap::from_values(width, height, self.depth)?.0,
-            normals: Raster::from_values(width, height, self.normals)?,
-            interpolated_normals: interpolated.transpose()?,
+            normals: map(self.normals).transpose()?,
+            interpolated_normals: map(self.interpolated).transpose()?,
             sight: Raster::from_values(width, height, self.sight)?,
         })
     }
+}
+
+/// Runs of pixels that see one triangle, or none: which, and where they begin and end.
+fn runs(triangles: &[u32]) -> impl Iterator<Item = (Option<u32>, Range<usize>)> {
+    let mut from = 0;
+    std::iter::from_fn(move || {
+        let &triangle = triangles.get(from)?;
+        let others = triangles[from..].iter().position(|&next| next != triangle);
+        let to = others.map_or(triangles.len(), |count| from + count);
+        let run = ((triangle != NONE).then_some(triangle), from..to);
+        from = to;
+        Some(run)
+    })
 }
 
 /// How many pixels of a view see the surface, its backs included.
@@ -181,8 +224,7 @@ struct Easel<'p> {
     resolver: Resolver,
     seen: Seen,
     hollow: Kept<bool>,
-    patches: Kept<Patch<'p>>,
-    samples: Row,
+    brushes: Brushes<'p>,
 }
 
 impl Easel<'_> {
@@ -191,8 +233,7 @@ impl Easel<'_> {
             resolver: Resolver::new(),
             seen: Seen::default(),
             hollow: Kept::new(),
-            patches: Kept::new(),
-            samples: Row::new(),
+            brushes: Brushes::new(),
         }
     }
 }
@@ -261,8 +302,9 @@ impl<'p> Painter<'p> {
 
     /// Gives the pixels of a part of a tile their colours.
     fn color(&self, centers: &Centers<'_>, part: &Part, easel: &mut Easel<'p>, maps: &mut Maps) {
-        let (patches, samples) = (&mut easel.patches, &mut easel.samples);
-        if !part.rows(maps.width).any(|pixels| maps.is_surface(pixels)) {
+        let rows: Vec<Range<usize>> = part.rows(maps.width).collect();
+        let shows = |pixels| maps.sights(pixels).contains(&Sight::Surface);
+        if !rows.iter().any(shows) {
             return;
         }
         let side = self.samples.side() as usize;
@@ -272,43 +314,24 @@ impl<'p> Painter<'p> {
             row: (centers.row + part.row) * side,
         };
         let size = (part.width * side, part.height * side);
+        // A pixel's only sample is its centre, and the part is the tile.
         let fine = (side > 1).then(|| Look::new(self.scenery, place, size));
-        // A pixel's only sample is its centre.
-        let (look, first) = match &fine {
-            Some(look) => (look, Spot { column: 0, row: 0 }),
-            None => (&centers.look, part.corner()),
+        let stride = maps.width;
+        let painting = Painting {
+            brushes: &mut easel.brushes,
+            look: fine.as_ref().unwrap_or(&centers.look),
+            frame: &self.samples.frame,
+            side,
+            maps,
+            rows: &rows,
         };
-        let mut again = false;
-        for (row, pixels) in part.rows(maps.width).enumerate() {
-            if !maps.is_surface(pixels.clone()) {
-                continue;
-            }
-            let mut sums = [Samples::default(); SIZE];
-            samples.expect(&maps.depth[pixels.clone()], side);
-            for down in 0..side {
-                let first = Spot {
-                    row: first.row + row * side + down,
-                    ..first
-                };
-                samples.aim(look, (first, size.0), again);
-                again = true;
-                for (triangle, range) in runs(look.triangles(first, size.0)) {
-                    let make = |triangle: u32| self.samples.frame.patch(triangle as usize);
-                    let patch = triangle.map(|id| patches.get(id, || make(id)));
-                    samples.add(patch, range, (&mut sums, side));
-                }
-            }
-            for (column, (index, sums)) in pixels.zip(sums).enumerate() {
-                if maps.sight[index] != Sight::Surface {
-                    continue;
-                }
-                let at = Spot {
-                    column: part.column + column,
-                    row: part.row + row,
-                };
-                maps.paint(index, sums.finish(|| self.at_center(&centers.look, at)));
-            }
-        }
+        painting.run(|index| {
+            let at = Spot {
+                column: index % stride,
+                row: index / stride,
+            };
+            self.at_center(&centers.look, at)
+        });
     }
 
     /// The colour at a pixel's centre.
@@ -329,15 +352,8 @@ struct Part {
 }
 
 impl Part {
-    fn corner(&self) -> Spot {
-        Spot {
-            column: self.column,
-            row: self.row,
-        }
-    }
-
     /// Where each of its rows stands among the pixels of the tile, which is `stride` wide.
-    fn rows(&self, stride: usize) -> impl Iterator<Item = Range<usize>> + use<> {
+    fn rows(&self, stride: usize) -> impl Iterator<Item = Range<usize>> {
         let (column, width) = (self.column, self.width);
         (self.row..self.row + self.height).map(move |row| {
             let start = row * stride + column;

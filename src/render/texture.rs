@@ -37,10 +37,13 @@ impl Border {
 }
 
 /// One axis of a texture.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Axis {
     size: u32,
     border: Border,
+    /// The last texel, and the last that is the first of two.
+    end: f64,
+    last: f64,
 }
 
 /// 1.5 · 2^52: a number from 0 to 2^32 that is added to it stands in the lowest bits of the sum.
@@ -50,6 +53,16 @@ const MAGIC: f64 = 6_755_399_441_055_744.0;
 type Found<const N: usize> = ([f64; N], [f32; N]);
 
 impl Axis {
+    fn new(size: u32, border: Border) -> Self {
+        let end = f64::from(size) - 1.0;
+        Self {
+            size,
+            border,
+            end,
+            last: if end > 1.0 { end - 1.0 } else { 0.0 },
+        }
+    }
+
     /// The first of two texels beside each place and the weight of the second. What is no number is
     /// 0. (Step by step, which the compiler turns into vector instructions.)
     #[inline(always)]
@@ -62,9 +75,8 @@ impl Axis {
 
     #[inline(always)]
     fn find_clamped<const N: usize>(self, mut places: [f64; N]) -> Found<N> {
-        let end = f64::from(self.size) - 1.0;
         // The last texel is the second of two, with weight 1.
-        let last = if end > 1.0 { end - 1.0 } else { 0.0 };
+        let (end, last) = (self.end, self.last);
         for place in &mut places {
             *place = if *place > 0.0 { *place } else { 0.0 };
         }
@@ -174,7 +186,7 @@ pub(crate) fn whole(parts: Parts) -> Vec3 {
 impl<'m> Texels<'m> {
     pub(crate) fn new(texture: &'m ColorImage, border: Border) -> Self {
         let (width, height) = texture.size();
-        let axis = |size| Axis { size, border };
+        let axis = |size| Axis::new(size, border);
         Self {
             bytes: texture.values().as_flattened(),
             columns: axis(width),
@@ -194,14 +206,34 @@ impl<'m> Texels<'m> {
     /// Where places, along columns and rows, lie.
     #[inline(always)]
     pub(crate) fn find<const N: usize>(&self, [x, y]: [[f64; N]; 2]) -> Spots<N> {
-        let (columns, right) = self.columns.find(x);
-        let (rows, down) = self.rows.find(y);
+        self.spots(self.columns.find(x), self.rows.find(y))
+    }
+
+    /// As [`Self::find`], for textures that end at their border.
+    #[inline(always)]
+    pub(crate) fn find_inside<const N: usize>(&self, [x, y]: [[f64; N]; 2]) -> Spots<N> {
+        self.spots(self.columns.find_clamped(x), self.rows.find_clamped(y))
+    }
+
+    #[inline(always)]
+    fn spots<const N: usize>(
+        &self,
+        (columns, right): Found<N>,
+        (rows, down): Found<N>,
+    ) -> Spots<N> {
         let width = f64::from(self.columns.size);
         let mut start = [0; N];
         for i in 0..N {
             start[i] = index(3.0 * (rows[i] * width + columns[i]));
         }
         Spots { start, right, down }
+    }
+
+    /// Whether both are the same texture, with the same borders.
+    #[inline(always)]
+    pub(crate) fn is(&self, other: &Self) -> bool {
+        std::ptr::eq(self.bytes, other.bytes)
+            && (self.columns, self.rows) == (other.columns, other.rows)
     }
 
     /// Whether the texture starts again beyond its border.
@@ -225,6 +257,36 @@ impl<'m> Texels<'m> {
     #[inline(always)]
     pub(crate) fn color_inside<L: Lanes>(&self, l: L, start: u32, parts: (f32, f32)) -> L::V {
         mix(l, self.inside(start as usize), parts)
+    }
+
+    /// As [`Self::color_inside`], of places that [`Self::are_inside`].
+    #[inline(always)]
+    pub(crate) fn color_well_inside<L: Lanes>(&self, l: L, start: u32, parts: (f32, f32)) -> L::V {
+        let start = start as usize;
+        let eight = |start: usize| {
+            let from = self.bytes.get(start..).and_then(<[u8]>::first_chunk);
+            from.unwrap_or(&[0; LANES])
+        };
+        let lower = start + 3 * self.columns.size as usize;
+        mix(l, (*eight(start), *eight(lower)), parts)
+    }
+
+    /// Whether two rows of two texels and what is read behind them lie in the texture, from all of these
+    /// on.
+    #[inline(always)]
+    pub(crate) fn are_inside<const N: usize>(&self, starts: &[u32; N]) -> bool {
+        let room = 3 * self.columns.size as usize + LANES;
+        let Some(last) = self.bytes.len().checked_sub(room) else {
+            return false;
+        };
+        // A texture has at most 2^32 bytes.
+        #[allow(clippy::cast_possible_truncation, reason = "was compared")]
+        let last = last.min(u32::MAX as usize) as u32;
+        let mut inside = true;
+        for &start in starts {
+            inside &= start <= last;
+        }
+        inside
     }
 
     /// The colour at a place.
@@ -296,7 +358,7 @@ fn mix<L: Lanes>(
 
 /// The value of a one-channel texture, as that of [`Texels`].
 pub(crate) fn bilinear_gray(texture: &Raster<u8>, coord: Vec2, border: Border) -> f32 {
-    let axis = |size| Axis { size, border };
+    let axis = |size| Axis::new(size, border);
     let (columns, rows) = (axis(texture.width()), axis(texture.height()));
     let place = |coord: f32, size: u32| f64::from(coord) * f64::from(size) - 0.5;
     let ([left], [right]) = columns.find([place(coord.x, texture.width())]);

@@ -52,7 +52,7 @@ fn back_faces_hide_what_is_behind_and_are_no_surface() {
     assert_eq!(at(10), (Sight::BackFace, 0.0));
     assert_eq!(at(30), (Sight::Surface, 2.0));
     assert_eq!(rendering.color.get(10, 20), [0; 3]);
-    assert_eq!(rendering.normals.get(10, 20), [0.0; 3]);
+    assert_eq!(rendering.normals.as_ref().unwrap().get(10, 20), [0.0; 3]);
     assert_eq!(rendering.count(Sight::BackFace), 20 * 40);
     let both = RenderOptions {
         back_faces: BackFaces::Valid,
@@ -62,7 +62,7 @@ fn back_faces_hide_what_is_behind_and_are_no_surface() {
     assert_eq!(rendering.depth.get(10, 20), 2.0);
     assert_eq!(rendering.count(Sight::BackFace), 0);
     assert_eq!(
-        rendering.normals.get(10, 20),
+        rendering.normals.as_ref().unwrap().get(10, 20),
         [0.0, 0.0, -1.0],
         "faces the camera"
     );
@@ -245,7 +245,7 @@ fn interpolated_normals_of_a_sphere_are_its_radii() {
             hits += 1;
             let radius = view.pose.rotation() * point.normalize();
             worst = worst.min(normal.dot(radius));
-            worst_flat = worst_flat.min(vector(&rendering.normals).dot(radius));
+            worst_flat = worst_flat.min(vector(rendering.normals.as_ref().unwrap()).dot(radius));
         }
     }
     assert!(
