@@ -14,30 +14,32 @@ pub(super) const PROCEDURE: &str = "generate 3";
 pub fn mesh_digest(mesh: &Mesh) -> String {
     let mut hasher = blake3::Hasher::new();
     let mut bytes = Vec::new();
-    let mut feed = |bytes: &mut Vec<u8>| {
-        hasher.update(&(bytes.len() as u64).to_le_bytes());
-        hasher.update(bytes);
+    // Textures are large: they are not copied.
+    let mut feed = |bytes: &mut Vec<u8>, more: &[u8]| {
+        let count = (bytes.len() + more.len()) as u64;
+        hasher.update(&count.to_le_bytes());
+        hasher.update(bytes).update(more);
         bytes.clear();
     };
     for block in mesh.vertices().chunks(1 << 16) {
         let numbers = block.iter().flat_map(|vertex| vertex.to_array());
         bytes.extend(numbers.flat_map(f64::to_le_bytes));
-        feed(&mut bytes);
+        feed(&mut bytes, &[]);
     }
     for block in mesh.triangles().chunks(1 << 16) {
         bytes.extend(block.iter().flatten().flat_map(|index| index.to_le_bytes()));
-        feed(&mut bytes);
+        feed(&mut bytes, &[]);
     }
     for block in mesh.texture_coords().unwrap_or_default().chunks(1 << 16) {
         let numbers = block.iter().flatten().flat_map(|uv| uv.to_array());
         bytes.extend(numbers.flat_map(f32::to_le_bytes));
-        feed(&mut bytes);
+        feed(&mut bytes, &[]);
     }
     bytes.extend(mesh.vertex_colors().unwrap_or_default().iter().flatten());
-    feed(&mut bytes);
+    feed(&mut bytes, &[]);
     let materials = mesh.triangle_materials().unwrap_or_default();
     bytes.extend(materials.iter().flat_map(|index| index.to_le_bytes()));
-    feed(&mut bytes);
+    feed(&mut bytes, &[]);
     for material in mesh.materials() {
         bytes.extend(material.color);
         bytes.extend([u8::from(material.tinted), u8::from(material.double_sided)]);
@@ -46,11 +48,12 @@ pub fn mesh_digest(mesh: &Mesh) -> String {
             bytes.extend(cutout.opacity.width().to_le_bytes());
             bytes.extend_from_slice(cutout.opacity.values());
         }
+        let mut texels = &[][..];
         if let Some(texture) = &material.texture {
             bytes.extend(texture.width().to_le_bytes());
-            bytes.extend_from_slice(texture.values().as_flattened());
+            texels = texture.values().as_flattened();
         }
-        feed(&mut bytes);
+        feed(&mut bytes, texels);
     }
     hasher.finalize().to_hex().to_string()
 }
