@@ -149,7 +149,7 @@ mod tests {
         for row in 0..40 {
             for column in 0..60 {
                 let pixel = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
-                let depth = f64::from(depth.get(column, row));
+                let depth = f64::from(rendering.depth.get(column, row));
                 let position = reference.pose.to_world(depth * reference.camera.ray(pixel));
                 let value = expected(position, &source);
                 assert_eq!(found.get(column, row), value, "{column} {row}");
