@@ -4,16 +4,17 @@
 
 use super::cache::Cache;
 use super::cluster::fuse_clusters;
+use super::consensus::DYNAMIC_FROM;
 use super::counts::FuseCounts;
 use super::finish::Frame;
 use super::geometry::PairGeometry;
 use super::inputs::{DepthMaps, Scratch, check_size, check_views};
 use super::merrell::render;
 use super::options::{Colors, FuseMode, FuseOptions, Visibility};
-use super::points::{Columns, PointSink, Points};
-use super::reference::{Finish, Reference, Region, Source, SourceImage};
-use super::rules::{DYNAMIC_FROM, Rule};
-use super::samples::{Filters, Samples, Unit, bordered, confidence, keep_confident, prepare};
+use super::points::{Columns, PointSink};
+use super::reference::{Band, Finish, Reference, Region, Source, SourceImage};
+use super::rules::Rule;
+use super::samples::{Confident, Filters, Samples, Unit, bordered, confidence, prepare};
 use super::selection::{Confidences, Selection, Witness};
 use crate::error::Result;
 use crate::parallel;
@@ -258,8 +259,9 @@ impl Engine<'_> {
         let mut cache = Cache::new(self.inputs.memory / 2);
         let mut images = Cache::new(self.inputs.memory / 2);
         // Bands of rows worked on at a time; their memory is used again.
-        let mut bands: Vec<(Points, FuseCounts)> =
-            vec![Default::default(); 4 * parallel::threads()];
+        let mut bands: Vec<Band> = (0..4 * parallel::threads())
+            .map(|_| Band::default())
+            .collect();
         self.for_each_view("making points", |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
             let finish = self.finish(&mut reference, columns, &mut images)?;
@@ -269,13 +271,13 @@ impl Engine<'_> {
                 parallel::for_each_chunk(&mut bands, 1, |at, band| {
                     let start = (first + at * BAND_ROWS).min(height);
                     let rows = start..(start + BAND_ROWS).min(height);
-                    for (points, counts) in band {
-                        *counts = reference.points(rows.clone(), &finish, points);
+                    for band in band {
+                        reference.points(rows.clone(), &finish, band);
                     }
                 });
-                for (points, more) in &bands {
-                    sink.take(points)?;
-                    counts = counts.plus(*more);
+                for band in &bands {
+                    band.rows.iter().try_for_each(|row| sink.take(row))?;
+                    counts = counts.plus(band.counts);
                 }
             }
             sink.view_done()?;
@@ -330,13 +332,12 @@ impl Engine<'_> {
             let bytes = samples.bytes();
             Ok((samples, bytes))
         })?;
-        let mut own = samples.split_off(used.len()).remove(0);
-        let mut known = None;
+        let own = samples.split_off(used.len()).remove(0);
+        let mut confident = None;
         if from == Maps::Input(Filters::Depth) {
             // References go through all filters.
-            let all = Samples::clone(&own);
-            known = confidence(maps, index)?;
-            own = Arc::new(keep_confident(all, known.as_ref(), self.options));
+            let known = confidence(maps, index)?;
+            confident = known.map(|known| Confident::new(known, self.options));
         }
         let counts = own.left_out();
         let source = |(&number, samples)| {
@@ -346,7 +347,7 @@ impl Engine<'_> {
             number: index,
             view,
             samples: own,
-            confidence: known,
+            confident,
             sources: used.iter().zip(samples).map(source).collect(),
             options: self.options,
             rule,
@@ -390,9 +391,9 @@ impl Engine<'_> {
                 source.image = Some(SourceImage::new(image, &source.samples));
             }
         }
-        let mut confidence = reference.confidence.take();
-        if confidence.is_none() && columns.has(Columns::CONFIDENCES) {
-            confidence = super::samples::confidence(maps, index)?;
+        let mut own = None;
+        if reference.confident.is_none() && columns.has(Columns::CONFIDENCES) {
+            own = confidence(maps, index)?;
         }
         let normals = maps
             .normals(index)?
@@ -409,7 +410,7 @@ impl Engine<'_> {
                 .collect(),
             columns,
             image,
-            confidence,
+            confidence: own,
             normals,
             region: self.inputs.region,
         })

@@ -5,10 +5,10 @@
     reason = "columns are walked side by side, and closures would leave the instruction set"
 )]
 
+use super::consensus::Consensus;
 use super::geometry::unprojection;
 use super::kernel::{BLOCK, Block, Seen};
-use super::rules::Consensus;
-use super::samples::{Samples, Unit};
+use super::samples::{Rows, Unit};
 use crate::ahead::prefetch;
 use glam::{DMat3, DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, View};
@@ -63,26 +63,29 @@ impl Room {
     }
 
     pub(super) fn position(&self, i: usize) -> DVec3 {
-        DVec3::from_array(self.position.map(|axis| axis[i]))
+        let [x, y, z] = &self.position;
+        DVec3::new(x[i], y[i], z[i])
     }
 
     /// The normal by the whole window; `None` where that has gaps.
     pub(super) fn normal(&self, i: usize) -> Option<Vec3> {
-        (self.whole[i] == 1).then(|| Vec3::from_array(self.normal.map(|axis| axis[i])))
+        let [x, y, z] = &self.normal;
+        (self.whole[i] == 1).then(|| Vec3::new(x[i], y[i], z[i]))
     }
 
     /// Copies the window around each of the `kept` pixels.
-    pub(super) fn copy_windows(&mut self, kept: &[usize], block: &Block, map: &Samples) {
-        let (values, stride) = (map.values(), map.stride());
+    pub(super) fn copy_windows(&mut self, kept: &[usize], block: &Block, map: Rows<'_>) {
         for &i in kept {
-            let first = block.place[i] as usize - stride - 1;
-            for row in 0..3 {
-                let three = &values[first + row * stride..][..3];
-                for column in 0..3 {
-                    self.windows[3 * row + column][i] = three[column];
-                }
+            let window = map.window(block.place[i] as usize);
+            for (at, &value) in window.as_flattened().iter().enumerate() {
+                self.windows[at][i] = value;
             }
         }
+    }
+
+    /// The window that was copied.
+    pub(super) fn window(&self, i: usize) -> [[f32; 3]; 3] {
+        std::array::from_fn(|row| std::array::from_fn(|column| self.windows[3 * row + column][i]))
     }
 
     /// Begins the means of colours with the reference's own.
@@ -113,7 +116,8 @@ impl Room {
     }
 
     pub(super) fn color(&self, i: usize) -> [u8; 3] {
-        self.sums.map(|channel| channel[i].to_le_bytes()[0])
+        let [red, green, blue] = &self.sums;
+        [red, green, blue].map(|channel| channel[i].to_le_bytes()[0])
     }
 }
 

@@ -9,6 +9,7 @@
 
 mod cache;
 mod cluster;
+mod consensus;
 mod counts;
 mod engine;
 #[cfg(test)]
@@ -29,6 +30,7 @@ mod rules;
 mod samples;
 pub mod sampling;
 mod selection;
+mod taps;
 #[cfg(test)]
 mod testing;
 mod tiles;

@@ -4,26 +4,36 @@ use super::samples::{Samples, Unit};
 use glam::{DVec3, Vec3};
 use mvs_datasets::scene::Camera;
 
-/// The unit normal, in the camera frame and facing the camera, of the plane that fits the 3×3
-/// pixels around (`column`, `row`) best; `None` where fewer than three of those whose depth is
-/// within the fraction `similar` lie off one line.
-///
-/// A plane n·X = 1 has inverse depth n·K⁻¹(u, v, 1)ᵀ: linear in pixels, so the fit is exact for
-/// planes. With 1/d = a·u + b·v + c, n = Kᵀ(a, b, c)ᵀ.
+/// As [`from_window`], of the pixel at (`column`, `row`) of a map.
 pub(super) fn from_depth(
     map: &Samples,
     camera: &Camera,
     (column, row): (usize, usize),
     similar: f64,
 ) -> Option<Vec3> {
-    let around = map.around(column, row);
+    let around = (&map.around(column, row), map.unit());
+    from_window(around, camera, (column, row), similar)
+}
+
+/// The unit normal, in the camera frame and facing the camera, of the plane that fits the 3×3
+/// pixels `around` (`column`, `row`) best; `None` where fewer than three of those whose depth is
+/// within the fraction `similar` lie off one line.
+///
+/// A plane n·X = 1 has inverse depth n·K⁻¹(u, v, 1)ᵀ: linear in pixels, so the fit is exact for
+/// planes. With 1/d = a·u + b·v + c, n = Kᵀ(a, b, c)ᵀ.
+pub(super) fn from_window(
+    (around, unit): (&[[f32; 3]; 3], Unit),
+    camera: &Camera,
+    (column, row): (usize, usize),
+    similar: f64,
+) -> Option<Vec3> {
     let center = f64::from(around[1][1]);
     if center <= 0.0 {
         return None;
     }
     let from_stored = 1.0 / center;
     let relative = around.map(|row| {
-        row.map(|stored| match map.unit() {
+        row.map(|stored| match unit {
             Unit::Inverse => f64::from(stored) * from_stored - 1.0,
             Unit::Depth if stored > 0.0 => center / f64::from(stored) - 1.0,
             Unit::Depth => -1.0,

@@ -1,14 +1,15 @@
 //! One reference view against its sources: bands of rows to points, or to the depths of the next
 //! pass.
 
+use super::consensus::Consensus;
 use super::counts::FuseCounts;
 use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room};
 use super::kernel::{BLOCK, Block, Pair, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
 use super::points::{Columns, Points};
-use super::rules::{Against, Bounds, Case, Consensus, Court, Rule, Verdict, disparity_scale};
-use super::samples::Samples;
+use super::rules::{Against, Bounds, Case, Court, Rule, Verdict, disparity_scale};
+use super::samples::{Confident, Rows, Samples};
 use super::sampling;
 use glam::{DVec2, DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, NormalMap, Raster, View};
@@ -76,8 +77,8 @@ pub(super) struct Reference<'a> {
     pub(super) number: usize,
     pub(super) view: &'a View,
     pub(super) samples: Arc<Samples>,
-    /// The view's confidence where it was asked for already.
-    pub(super) confidence: Option<Raster<f32>>,
+    /// Which of its pixels count, where that is not decided yet.
+    pub(super) confident: Option<Confident>,
     pub(super) sources: Vec<Source>,
     pub(super) options: &'a FuseOptions,
     pub(super) rule: Rule,
@@ -85,6 +86,17 @@ pub(super) struct Reference<'a> {
     pub(super) needed: usize,
     /// Whether fewer do where nobody else can judge.
     pub(super) soften: bool,
+}
+
+/// What a band of rows becomes; its memory is used again.
+#[derive(Default)]
+pub(super) struct Band {
+    /// The points of each row.
+    pub(super) rows: Vec<Points>,
+    /// What became of the pixels.
+    pub(super) counts: FuseCounts,
+    /// Room for the band's own depths.
+    room: Vec<f32>,
 }
 
 /// What only finished points need.
@@ -106,7 +118,7 @@ impl Reference<'_> {
         let first = (rows.start + 1) * self.samples.stride();
         let mut counts = FuseCounts::default();
         let unit = self.samples.unit();
-        self.for_each_block(rows, STRIP, |block, _, consensus| {
+        self.for_each_block(rows, Rows::all(&self.samples), |block, _, consensus| {
             let mut fused = [0.0; BLOCK];
             let depths = block.depth.iter().zip(&consensus.delta);
             for (fused, (depth, delta)) in fused.iter_mut().zip(depths) {
@@ -123,19 +135,23 @@ impl Reference<'_> {
         counts
     }
 
-    /// Puts the points of `rows` into `points`; what became of the pixels that had a depth.
-    pub(super) fn points(
-        &self,
-        rows: Range<usize>,
-        finish: &Finish<'_>,
-        points: &mut Points,
-    ) -> FuseCounts {
-        points.clear();
+    /// Puts the points of `rows` into `band`, and what became of the pixels that had a depth.
+    pub(super) fn points(&self, rows: Range<usize>, finish: &Finish<'_>, band: &mut Band) {
+        band.rows.resize_with(rows.len(), Points::default);
+        band.rows.iter_mut().for_each(Points::clear);
         let mut counts = FuseCounts::default();
         let mut kept = Vec::with_capacity(BLOCK);
         let mut room = Room::new(self.sources.len());
-        let width = self.samples.width();
-        self.for_each_block(rows, width, |block, seen, consensus| {
+        let own = match &self.confident {
+            Some(confident) => {
+                let (own, unconfident) =
+                    confident.band(&self.samples, rows.clone(), &mut band.room);
+                counts.unconfident = unconfident;
+                own
+            }
+            None => Rows::all(&self.samples),
+        };
+        self.for_each_block(rows.clone(), own, |block, seen, consensus| {
             self.place((block, seen, consensus), finish, &mut room);
             kept.clear();
             for i in 0..block.len {
@@ -152,11 +168,18 @@ impl Reference<'_> {
                 };
                 *fate += 1;
             }
-            if !kept.is_empty() {
-                self.describe(&kept, (block, seen, consensus), finish, (&mut room, points));
+            if kept.is_empty() {
+                return;
+            }
+            self.describe(&kept, (block, seen), (finish, own), &mut room);
+            let width = self.samples.width();
+            let row = |i: usize| block.pixel[i] as usize / width;
+            for run in kept.chunk_by(|&a, &b| row(a) == row(b)) {
+                let points = &mut band.rows[row(run[0]) - rows.start];
+                self.add(run, (block, seen, consensus), (finish, &room), points);
             }
         });
-        counts
+        band.counts = counts;
     }
 
     /// Calls `f` with every block of pixels that have a depth, and what the sources say. Blocks are
@@ -164,7 +187,7 @@ impl Reference<'_> {
     fn for_each_block(
         &self,
         rows: Range<usize>,
-        strip: usize,
+        own: Rows<'_>,
         mut f: impl FnMut(&Block, &[Seen], &Consensus),
     ) {
         fn against(source: &Source) -> Against<'_> {
@@ -199,24 +222,20 @@ impl Reference<'_> {
         };
         let mut block = Block::new();
         let width = self.samples.width();
-        for left in (0..width).step_by(strip) {
-            let right = (left + strip).min(width);
+        for left in (0..width).step_by(STRIP) {
+            let right = (left + STRIP).min(width);
             for row in rows.clone() {
-                for (at, values) in self.samples.row(row)[left..right].chunks(STRIP).enumerate() {
-                    // Values are ≥ 0: no bit is set where there is no depth.
-                    if values.iter().fold(0, |bits, value| bits | value.to_bits()) == 0 {
-                        continue;
-                    }
-                    for (column, &stored) in (left + at * STRIP..).zip(values) {
-                        if stored > 0.0 {
-                            #[allow(
-                                clippy::cast_possible_truncation,
-                                reason = "image sizes are u32"
-                            )]
-                            block.push(width as u32, column as u32, row as u32, stored);
-                            if block.is_full() {
-                                finish(&mut block);
-                            }
+                let values = &own.row(row)[left..right];
+                // Values are ≥ 0: no bit is set where there is no depth.
+                if values.iter().fold(0, |bits, value| bits | value.to_bits()) == 0 {
+                    continue;
+                }
+                for (column, &stored) in (left..).zip(values) {
+                    if stored > 0.0 {
+                        #[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
+                        block.push(width as u32, column as u32, row as u32, stored);
+                        if block.is_full() {
+                            finish(&mut block);
                         }
                     }
                 }
@@ -251,21 +270,42 @@ impl Reference<'_> {
         }
     }
 
-    /// Adds the `kept` entries as points.
+    /// Finds normals and colours of the `kept` entries.
     fn describe(
         &self,
         kept: &[usize],
-        (block, seen, consensus): (&Block, &[Seen], &Consensus),
-        finish: &Finish<'_>,
-        (room, points): (&mut Room, &mut Points),
+        (block, seen): (&Block, &[Seen]),
+        (finish, own): (&Finish<'_>, Rows<'_>),
+        room: &mut Room,
     ) {
-        let kept_ones = kept.iter().copied();
-        points
-            .positions
-            .extend(kept_ones.clone().map(|i| room.position(i)));
-        let views = kept_ones.clone().map(|i| consensus.count[i] + 1);
+        if finish.columns.has(Columns::NORMALS) && finish.normals.is_none() {
+            room.copy_windows(kept, block, own);
+            Arch::new().dispatch(Face {
+                frame: &finish.frame,
+                block,
+                unit: self.samples.unit(),
+                similar: self.options.similar_depth,
+                room,
+            });
+        }
+        if let (true, Some(image)) = (finish.columns.has(Columns::COLORS), &finish.image) {
+            self.mix_colors(kept, (block, seen), image, room);
+        }
+    }
+
+    /// Adds a `run` of entries of one row, which are described, as points.
+    fn add(
+        &self,
+        run: &[usize],
+        (block, seen, consensus): (&Block, &[Seen], &Consensus),
+        (finish, room): (&Finish<'_>, &Room),
+        points: &mut Points,
+    ) {
+        let run_of = || run.iter().copied();
+        points.positions.extend(run_of().map(|i| room.position(i)));
+        let views = run_of().map(|i| consensus.count[i] + 1);
         points.view_counts.extend(views);
-        let violations = kept_ones.clone().map(|i| consensus.violations[i]);
+        let violations = run_of().map(|i| consensus.violations[i]);
         points.violations.extend(violations);
         let focal = 0.5 * (self.view.camera.focal().x + self.view.camera.focal().y);
         #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
@@ -273,9 +313,9 @@ impl Reference<'_> {
             let fused = f64::from(block.depth[i]) + f64::from(consensus.delta[i]);
             (fused / focal) as f32
         };
-        points.scales.extend(kept_ones.clone().map(scale));
+        points.scales.extend(run_of().map(scale));
         if finish.columns.has(Columns::VISIBLE) {
-            for &i in kept {
+            for i in run_of() {
                 points.visible_in.push(number(self.number));
                 let pairs = self.sources.iter().zip(seen);
                 let agreeing = pairs.filter(|(_, seen)| seen.agrees[i] == 1);
@@ -284,66 +324,50 @@ impl Reference<'_> {
             }
         }
         if finish.columns.has(Columns::NORMALS) {
-            self.add_normals(kept, block, finish, (room, &mut points.normals));
+            let normal = |i: usize| self.normal(i, block, finish, room);
+            points.normals.extend(run_of().map(normal));
         }
         if finish.columns.has(Columns::COLORS) {
-            self.add_colors(kept, (block, seen), finish, (room, &mut points.colors));
+            // White without an image.
+            let color = |i: usize| finish.image.as_ref().map_or([255; 3], |_| room.color(i));
+            points.colors.extend(run_of().map(color));
         }
         if finish.columns.has(Columns::CONFIDENCES) {
-            let confidence = finish.confidence.as_ref();
+            let own = self.confident.as_ref().map(|own| &own.confidence);
+            let confidence = own.or(finish.confidence.as_ref());
             let of = |i: usize| confidence.map_or(1.0, |map| map.values()[block.pixel[i] as usize]);
-            points.confidences.extend(kept_ones.map(of));
+            points.confidences.extend(run_of().map(of));
         }
     }
 
-    /// The given normals or the fitted ones, in the world; zero where there is none.
-    fn add_normals(
-        &self,
-        kept: &[usize],
-        block: &Block,
-        finish: &Finish<'_>,
-        (room, normals): (&mut Room, &mut Vec<Vec3>),
-    ) {
+    /// The given normal or the fitted one, in the world; zero where there is none.
+    fn normal(&self, i: usize, block: &Block, finish: &Finish<'_>, room: &Room) -> Vec3 {
         let to_world = |in_cam: Vec3| {
             let normal = self.view.pose.direction_to_world(in_cam.as_dvec3());
             normal.as_vec3()
         };
+        let at = block.pixel[i] as usize;
         if let Some(map) = &finish.normals {
-            let given = |&i: &usize| to_world(Vec3::from(map.values()[block.pixel[i] as usize]));
-            return normals.extend(kept.iter().map(given));
+            return to_world(Vec3::from(map.values()[at]));
         }
-        room.copy_windows(kept, block, &self.samples);
-        Arch::new().dispatch(Face {
-            frame: &finish.frame,
-            block,
-            unit: self.samples.unit(),
-            similar: self.options.similar_depth,
-            room,
-        });
-        let fitted = |&i: &usize| {
-            room.normal(i).unwrap_or_else(|| {
-                let at = block.pixel[i] as usize;
-                let pixel = (at % self.samples.width(), at / self.samples.width());
-                let (camera, similar) = (&self.view.camera, self.options.similar_depth);
-                let gappy = normals::from_depth(&self.samples, camera, pixel, similar);
-                gappy.map_or(Vec3::ZERO, to_world)
-            })
-        };
-        normals.extend(kept.iter().map(fitted));
+        room.normal(i).unwrap_or_else(|| {
+            let pixel = (at % self.samples.width(), at / self.samples.width());
+            let window = (&room.window(i), self.samples.unit());
+            let (camera, similar) = (&self.view.camera, self.options.similar_depth);
+            let gappy = normals::from_window(window, camera, pixel, similar);
+            gappy.map_or(Vec3::ZERO, to_world)
+        })
     }
 
-    /// The colours of the reference's image, or the means over all images that agree: the
-    /// reference's bilinear, a source's at its nearest pixel. White without an image.
-    fn add_colors(
+    /// Mixes the colours of the reference's image, or the means over all images that agree: the
+    /// reference's bilinear, a source's at its nearest pixel.
+    fn mix_colors(
         &self,
         kept: &[usize],
         (block, seen): (&Block, &[Seen]),
-        finish: &Finish<'_>,
-        (room, colors): (&mut Room, &mut Vec<[u8; 3]>),
+        image: &ColorImage,
+        room: &mut Room,
     ) {
-        let Some(image) = &finish.image else {
-            return colors.extend(kept.iter().map(|_| [255; 3]));
-        };
         if image.size() == (self.view.camera.width(), self.view.camera.height()) {
             room.own_colors(kept, |i| image.values()[block.pixel[i] as usize]);
         } else {
@@ -376,7 +400,6 @@ impl Reference<'_> {
             });
         }
         arch.dispatch(Mean(room));
-        colors.extend(kept.iter().map(|&i| room.color(i)));
     }
 
     /// Image pixels per depth pixel.

@@ -5,9 +5,11 @@
     reason = "columns are walked side by side, and closures would leave the instruction set"
 )]
 
-use super::kernel::{BLOCK, Block, Footprint, Pair, Seen, Taps};
+use super::consensus::{Consensus, Errors, median};
+use super::kernel::{BLOCK, Block, Footprint, Pair, Seen, Wide};
 use super::options::{FuseMode, FuseOptions, Sampling};
 use super::samples::Samples;
+use super::taps::{Sampled, Taps};
 use mvs_datasets::scene::View;
 use pulp::{Simd, WithSimd};
 
@@ -15,19 +17,19 @@ use pulp::{Simd, WithSimd};
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
     /// Square of the largest pixel error.
-    pixel2: f32,
+    pub(super) pixel2: f32,
     /// Largest relative depth error.
-    relative: f32,
+    pub(super) relative: f32,
     /// Relative depth error below which the pixel error is not asked: what the bound on the pixel
     /// error amounts to at the widest angle for which it is meant.
     ///
     /// A depth error moves the reprojection by about focal · tan(angle) · relative error, so a
     /// bound that grows with the tangent beyond that angle is a constant bound on the depth.
-    tight: f32,
+    pub(super) tight: f32,
     /// Below this ratio of expected depth to depth, the source sees through the point.
-    through: f32,
+    pub(super) through: f32,
     /// Above this ratio the source sees something in front of the point.
-    occluded: f32,
+    pub(super) occluded: f32,
 }
 
 impl Bounds {
@@ -48,76 +50,6 @@ impl Bounds {
             through: (1.0 - options.max_depth_error) as f32,
             occluded: (1.0 + options.max_depth_error) as f32,
         }
-    }
-}
-
-/// What the sources together say about a block.
-pub(super) struct Consensus {
-    /// Sources that agree.
-    pub(super) count: [u32; BLOCK],
-    /// Sources that see through the point and do not agree.
-    pub(super) violations: [u32; BLOCK],
-    /// What [`Witnesses`] counts.
-    witnesses: Witnesses,
-    /// Fused depth minus the reference's.
-    pub(super) delta: [f32; BLOCK],
-    /// Whether enough sources agree.
-    pub(super) enough: [bool; BLOCK],
-}
-
-impl Consensus {
-    pub(super) fn new() -> Self {
-        Self {
-            count: [0; BLOCK],
-            violations: [0; BLOCK],
-            witnesses: Witnesses::new(),
-            delta: [0.0; BLOCK],
-            enough: [false; BLOCK],
-        }
-    }
-}
-
-/// Who can judge a pixel at all: for those that hardly any source sees.
-struct Witnesses {
-    /// Sources that agree within half the bounds.
-    close: [u32; BLOCK],
-    /// Sources that see the point's place, nothing in front of it, and do not agree.
-    against: [u32; BLOCK],
-    /// Sources on whose image the point lies, where they have no depth.
-    silent: [u32; BLOCK],
-}
-
-/// Sources that must agree closely where nobody else can judge.
-const FEWEST: u32 = 2;
-/// Silent sources up to which that holds: holes are common, and more are the sky's.
-const MOST_SILENT: u32 = 2;
-
-impl Witnesses {
-    fn new() -> Self {
-        Self {
-            close: [0; BLOCK],
-            against: [0; BLOCK],
-            silent: [0; BLOCK],
-        }
-    }
-
-    #[inline(always)]
-    fn hear(&mut self, seen: &Seen, bounds: &Bounds) {
-        for i in 0..BLOCK {
-            let near =
-                (seen.pixel2[i] < 0.25 * bounds.pixel2) | (seen.relative[i] < 0.5 * bounds.tight);
-            let close = near & (seen.relative[i] < 0.5 * bounds.relative);
-            let judges = (seen.near[i] > 0.0) & (seen.near[i] <= bounds.occluded);
-            let silent = (seen.z[i] > 0.0) & (seen.near[i] <= 0.0);
-            self.close[i] += seen.agrees[i] & u32::from(close);
-            self.against[i] += (1 - seen.agrees[i]) & u32::from(judges);
-            self.silent[i] += (1 - seen.agrees[i]) & u32::from(silent);
-        }
-    }
-
-    #[inline(always)]
-    fn suffice(&self, i: usize) -> bool {
-        (self.close[i] >= FEWEST) & (self.against[i] == 0) & (self.silent[i] <= MOST_SILENT)
     }
 }
 
@@ -189,6 +121,8 @@ pub(super) struct Verdict {
     /// Fused depth minus the reference's, by source: room for sorting.
     sorted: Vec<[f32; BLOCK]>,
     footprints: Vec<Footprint>,
+    wide: Wide,
+    sampled: Sampled,
     pub(super) consensus: Consensus,
 }
 
@@ -198,6 +132,8 @@ impl Verdict {
             seen: vec![Seen::new(); sources],
             sorted: vec![[0.0; BLOCK]; sources + 1],
             footprints: (0..sources).map(|_| Footprint::new()).collect(),
+            wide: Wide::new(),
+            sampled: Sampled::new(),
             consensus: Consensus::new(),
         }
     }
@@ -225,172 +161,51 @@ impl WithSimd for Case<'_> {
             seen,
             sorted,
             footprints,
+            wide,
+            sampled,
             consensus,
         } = verdict;
-        *consensus = Consensus::new();
+        consensus.begin(court.rule, court.soften);
+        wide.fill(block);
         // All sources are projected first, so that their samples have time to come.
         for at in 0..court.sources.len() {
             let source = &court.sources[at];
             let (seen, footprint) = (&mut seen[at], &mut footprints[at]);
-            source.pair.project(block, source.samples, seen, footprint);
+            source.pair.project(wide, source.samples, seen, footprint);
         }
         for at in 0..court.sources.len() {
-            let source = &court.sources[at];
-            let (seen, footprint) = (&mut seen[at], &mut footprints[at]);
+            let (source, footprint) = (&court.sources[at], &footprints[at]);
+            let seen = &mut seen[at];
+            if !seen.any() {
+                seen.nothing();
+                continue;
+            }
             let map = (source.samples, court.taps);
-            source.pair.look(block, map, footprint, seen);
-            match court.rule {
-                Rule::Dynamic => within_widest(seen),
-                Rule::Disparity => within_disparity(seen, source.disparity),
-                Rule::Average | Rule::Median | Rule::Keep => within_bounds(seen, &court.bounds),
-            }
-            tally(seen, &court.bounds, consensus);
-            if court.soften {
-                consensus.witnesses.hear(seen, &court.bounds);
-            }
-        }
-        for i in 0..BLOCK {
-            let suffice = court.soften & consensus.witnesses.suffice(i);
-            consensus.enough[i] = suffice | (consensus.count[i] >= court.needed);
-        }
-        match court.rule {
-            Rule::Average => mean(seen, consensus),
-            Rule::Median => median(seen, sorted, consensus),
-            Rule::Dynamic => {
-                mean(seen, consensus);
-                dynamic(seen, &mut sorted[0], consensus);
-            }
-            Rule::Keep | Rule::Disparity => {}
-        }
-    }
-}
-
-#[inline(always)]
-fn within_bounds(seen: &mut Seen, bounds: &Bounds) {
-    for i in 0..BLOCK {
-        let near = (seen.pixel2[i] < bounds.pixel2) | (seen.relative[i] < bounds.tight);
-        seen.agrees[i] = u32::from(near & (seen.relative[i] < bounds.relative));
-    }
-}
-
-/// Steps of the `dynamic` bounds: i/4 px and i/1300 for i from 2 to 10.
-const STEPS: std::ops::RangeInclusive<u32> = 2..=10;
-
-/// As many sources, at least, must agree in `dynamic`.
-pub(super) const DYNAMIC_FROM: usize = *STEPS.start() as usize;
-
-/// How many steps wide the bounds must be for the source to agree: below i at step i.
-#[inline(always)]
-fn step(seen: &Seen, i: usize) -> f32 {
-    (4.0 * seen.pixel2[i].sqrt()).max(1300.0 * seen.relative[i])
-}
-
-#[inline(always)]
-#[allow(clippy::cast_precision_loss, reason = "ten")]
-fn within_widest(seen: &mut Seen) {
-    for i in 0..BLOCK {
-        seen.agrees[i] = u32::from(step(seen, i) < *STEPS.end() as f32);
-    }
-}
-
-/// Enough where i sources meet the bounds of some step i. `room` is overwritten.
-#[inline(always)]
-#[allow(clippy::cast_precision_loss, reason = "at most ten")]
-fn dynamic(seen: &[Seen], room: &mut [f32; BLOCK], consensus: &mut Consensus) {
-    let mut meets = [[0u32; BLOCK]; 9];
-    for source in seen {
-        for i in 0..BLOCK {
-            room[i] = step(source, i);
-        }
-        for (wide, meets) in STEPS.zip(&mut meets) {
-            for i in 0..BLOCK {
-                meets[i] += u32::from(room[i] < wide as f32);
-            }
-        }
-    }
-    consensus.enough = [false; BLOCK];
-    for (wide, meets) in STEPS.zip(&meets) {
-        for i in 0..BLOCK {
-            consensus.enough[i] |= meets[i] >= wide;
-        }
-    }
-}
-
-/// |f·B/z − f·B/D| below the bound, by the ratio z/D; `scale` is f·B over the bound.
-#[inline(always)]
-fn within_disparity(seen: &mut Seen, scale: f32) {
-    for i in 0..BLOCK {
-        let off = scale * (seen.ratio[i] - 1.0).abs();
-        seen.agrees[i] = u32::from((seen.ratio[i] > 0.0) & (off < seen.z[i]));
-    }
-}
-
-#[inline(always)]
-fn tally(seen: &Seen, bounds: &Bounds, consensus: &mut Consensus) {
-    for i in 0..BLOCK {
-        let through = (seen.near[i] > 0.0) & (seen.near[i] < bounds.through);
-        consensus.count[i] += seen.agrees[i];
-        consensus.violations[i] += u32::from(through) & (1 - seen.agrees[i]);
-    }
-}
-
-#[inline(always)]
-fn mean(seen: &[Seen], consensus: &mut Consensus) {
-    let mut sum = [0.0f32; BLOCK];
-    for source in seen {
-        for (i, sum) in sum.iter_mut().enumerate() {
-            *sum += if source.agrees[i] == 1 {
-                source.delta[i]
-            } else {
-                0.0
+            sampled.look(map, (footprint, &seen.z), &mut seen.ratio);
+            let errors = Errors {
+                epipole: source.pair.epipole,
+                block,
+                near: &sampled.near,
+                bounds: &court.bounds,
             };
+            match (court.rule, court.soften) {
+                (Rule::Disparity, soften) => {
+                    consensus.hear_disparity(&errors, source.disparity, seen);
+                    if soften {
+                        consensus.witness(&errors, seen);
+                    }
+                }
+                (Rule::Dynamic, _) => consensus.hear_dynamic(&errors, seen),
+                (Rule::Average, false) => consensus.hear::<true, false>(&errors, seen),
+                (Rule::Average, true) => consensus.hear::<true, true>(&errors, seen),
+                (Rule::Median | Rule::Keep, false) => consensus.hear::<false, false>(&errors, seen),
+                (Rule::Median | Rule::Keep, true) => consensus.hear::<false, true>(&errors, seen),
+            }
         }
-    }
-    for (i, sum) in sum.iter().enumerate() {
-        #[allow(clippy::cast_precision_loss, reason = "a number of views")]
-        let count = (consensus.count[i] + 1) as f32;
-        consensus.delta[i] = sum / count;
-    }
-}
-
-/// The middle value of the reference's (0) and the agreeing ones, of an even number the smaller
-/// middle one. All pixels are sorted at once by the same comparisons; what does not agree is ∞.
-#[inline(always)]
-fn median(seen: &[Seen], sorted: &mut [[f32; BLOCK]], consensus: &mut Consensus) {
-    sorted[0] = [0.0; BLOCK];
-    for (source, values) in seen.iter().zip(&mut sorted[1..]) {
-        for i in 0..BLOCK {
-            let agrees = source.agrees[i] == 1;
-            values[i] = if agrees {
-                source.delta[i]
-            } else {
-                f32::INFINITY
-            };
+        consensus.decide(court.rule, court.needed, court.soften);
+        if court.rule == Rule::Median {
+            median(seen, sorted, consensus);
         }
-    }
-    for end in 1..sorted.len() {
-        for at in (0..end).rev() {
-            let (lower, upper) = sorted.split_at_mut(at + 1);
-            exchange(&mut lower[at], &mut upper[0]);
-        }
-    }
-    // Exactly one rank is the middle. (Sums and minima, because conditional stores are slow.)
-    consensus.delta = [0.0; BLOCK];
-    for (rank, values) in (0u32..).zip(sorted.iter()) {
-        for i in 0..BLOCK {
-            let is_middle = consensus.count[i] / 2 == rank;
-            consensus.delta[i] += if is_middle { values[i] } else { 0.0 };
-        }
-    }
-}
-
-/// Puts the smaller of each two values into `lower`; none is NaN.
-#[inline(always)]
-fn exchange(lower: &mut [f32; BLOCK], upper: &mut [f32; BLOCK]) {
-    for i in 0..BLOCK {
-        let (a, b) = (lower[i], upper[i]);
-        lower[i] = a.min(b);
-        upper[i] = a.max(b);
     }
 }
 

@@ -6,6 +6,7 @@ use super::inputs::{DepthMaps, check_size};
 use super::options::{FuseOptions, Sampling};
 use crate::error::Result;
 use mvs_datasets::scene::{Mask, Raster, View};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// What the numbers of [`Samples`] are.
@@ -123,6 +124,122 @@ impl Samples {
     }
 }
 
+/// Rows of a bordered map: all of them, or a band with a row above and one below.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rows<'a> {
+    values: &'a [f32],
+    /// Values of the whole map before these.
+    before: usize,
+    stride: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// All of a map.
+    pub(super) fn all(samples: &'a Samples) -> Self {
+        Self {
+            values: samples.values(),
+            before: 0,
+            stride: samples.stride(),
+        }
+    }
+
+    /// The stored values of row `row`.
+    pub(super) fn row(&self, row: usize) -> &'a [f32] {
+        let start = (row + 1) * self.stride + 1 - self.before;
+        &self.values[start..start + self.stride - 2]
+    }
+
+    /// The stored values of the 3×3 pixels around the one at `place` in the bordered map, rows from the
+    /// top.
+    #[inline(always)]
+    pub(super) fn window(&self, place: usize) -> [[f32; 3]; 3] {
+        let first = place - self.stride - 1 - self.before;
+        std::array::from_fn(|row| {
+            let start = first + row * self.stride;
+            let three = self.values[start..].first_chunk();
+            three.copied().unwrap_or_default()
+        })
+    }
+}
+
+/// What leaves out a reference's pixels that have too little confidence, band by band.
+#[derive(Debug)]
+pub(super) struct Confident {
+    pub(super) confidence: Raster<f32>,
+    least: f32,
+}
+
+impl Confident {
+    pub(super) fn new(confidence: Raster<f32>, options: &FuseOptions) -> Self {
+        Self {
+            least: threshold(&confidence, options),
+            confidence,
+        }
+    }
+
+    /// Puts `rows` of the map without what has too little confidence into `room`; how many pixels of them
+    /// that were.
+    pub(super) fn band<'a>(
+        &self,
+        samples: &Samples,
+        rows: Range<usize>,
+        room: &'a mut Vec<f32>,
+    ) -> (Rows<'a>, u64) {
+        let stride = samples.stride();
+        let before = rows.start * stride;
+        room.clear();
+        room.extend_from_slice(&samples.values()[before..(rows.end + 2) * stride]);
+        let mut unconfident = 0;
+        for (at, own) in room.chunks_exact_mut(stride).enumerate() {
+            // The first is the row above `rows`.
+            let Some(row) = (rows.start + at).checked_sub(1) else {
+                continue;
+            };
+            let width = samples.width();
+            let Some(confidences) = self.confidence.values().get(row * width..(row + 1) * width)
+            else {
+                continue;
+            };
+            let left_out = leave_out(&mut own[1..=width], confidences, self.least);
+            unconfident += if rows.contains(&row) { left_out } else { 0 };
+        }
+        let values = room.as_slice();
+        let rows = Rows {
+            values,
+            before,
+            stride,
+        };
+        (rows, unconfident)
+    }
+}
+
+/// Leaves out what has less than the `least` confidence or none; how many that were.
+fn leave_out(row: &mut [f32], confidences: &[f32], least: f32) -> u64 {
+    let mut unconfident = 0u64;
+    for (row, confidences) in row.chunks_mut(RUN).zip(confidences.chunks(RUN)) {
+        if is_empty(row) {
+            continue;
+        }
+        let mut some = 0u32;
+        for (stored, &confidence) in row.iter_mut().zip(confidences) {
+            let kept = confidence >= least;
+            some += u32::from((*stored > 0.0) & !kept);
+            *stored = if kept { *stored } else { 0.0 };
+        }
+        unconfident += u64::from(some);
+    }
+    unconfident
+}
+
+/// Pixels in a row that are looked at together to see whether there is anything.
+const RUN: usize = 64;
+
+/// Whether all values, none of them negative, are 0.
+#[inline(always)]
+fn is_empty(values: &[f32]) -> bool {
+    values.iter().fold(0, |bits, value| bits | value.to_bits()) == 0
+}
+
 /// Which of a view's pixels a filter of the options leaves out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Filters {
@@ -185,15 +302,24 @@ pub(super) fn prepare(
     }
 }
 
-/// Puts the stored values of depths into `to`; how many have none.
+/// Puts the stored values of depths into `to`, which is all 0; how many have none. Where there are none at
+/// all nothing is written: pages of memory that nobody writes to cost nothing.
 fn convert_row(unit: Unit, from: &[f32], to: &mut [f32]) -> u64 {
-    let mut empty = 0u32;
-    for (to, &depth) in to.iter_mut().zip(from) {
-        let stored = unit.convert(depth);
-        empty += u32::from(stored <= 0.0);
-        *to = stored;
+    let mut all = 0u64;
+    for (to, from) in to.chunks_mut(RUN).zip(from.chunks(RUN)) {
+        if is_empty(from) {
+            all += from.len() as u64;
+            continue;
+        }
+        let mut empty = 0u32;
+        for (to, &depth) in to.iter_mut().zip(from) {
+            let stored = unit.convert(depth);
+            empty += u32::from(stored <= 0.0);
+            *to = stored;
+        }
+        all += u64::from(empty);
     }
-    u64::from(empty)
+    all
 }
 
 /// `samples` of a view of this `confidence` through the last filter: without what has too little of it or
@@ -211,13 +337,7 @@ pub(super) fn keep_confident(
     // Copies them where others use them too.
     let values = Arc::make_mut(&mut samples.values);
     for (row, confidences) in inner_rows(values, width).zip(confidence.rows()) {
-        let mut unconfident = 0u32;
-        for (stored, &confidence) in row.iter_mut().zip(confidences) {
-            let kept = confidence >= least;
-            unconfident += u32::from((*stored > 0.0) & !kept);
-            *stored = if kept { *stored } else { 0.0 };
-        }
-        samples.left_out.unconfident += u64::from(unconfident);
+        samples.left_out.unconfident += leave_out(row, confidences, least);
     }
     samples
 }
@@ -316,6 +436,49 @@ mod tests {
         assert_eq!(samples.row(0), [3.0, 4.0]);
         let [above, own, below] = samples.around(0, 0);
         assert_eq!((above, own, below), ([0.0; 3], [0.0, 3.0, 4.0], [0.0; 3]));
+    }
+
+    /// Band by band it is what it is at once; in a row of 150 pixels runs without depth are passed over.
+    #[test]
+    fn bands_leave_out_what_the_whole_map_does() {
+        let (width, height) = (150u32, 7u32);
+        let depth = |at: u32| match at % 150 / 64 {
+            1 => 0.0,
+            _ => f32::from(u8::from(at % 5 > 0)) * (1.0 + at as f32),
+        };
+        let confidence = |at: u32| match at % 7 {
+            0 => f32::NAN,
+            rest => rest as f32 / 7.0,
+        };
+        let depths: Vec<f32> = (0..width * height).map(depth).collect();
+        let confidences: Vec<f32> = (0..width * height).map(confidence).collect();
+        let confidence = Raster::from_values(width, height, confidences.clone()).unwrap();
+        let options = FuseOptions {
+            min_confidence: 0.5,
+            ..FuseOptions::default()
+        };
+        let samples = Samples::new((width, height), Unit::Depth, &depths);
+        let whole = keep_confident(samples.clone(), Some(&confidence), &options);
+        for (at, (&depth, &confidence)) in depths.iter().zip(&confidences).enumerate() {
+            let stored = whole.row(at / 150)[at % 150];
+            assert_eq!(stored, if confidence >= 0.5 { depth } else { 0.0 });
+        }
+        let confident = Confident::new(confidence, &options);
+        let mut unconfident = 0;
+        for rows in [0..3, 3..4, 4..7] {
+            let mut room = vec![9.0; 5];
+            let (band, more) = confident.band(&samples, rows.clone(), &mut room);
+            unconfident += more;
+            for row in rows {
+                assert_eq!(band.row(row), whole.row(row));
+                for column in 0..150 {
+                    let place = (row + 1) * 152 + column + 1;
+                    assert_eq!(band.window(place), whole.around(column, row));
+                }
+            }
+        }
+        assert!(unconfident > 0);
+        assert_eq!(unconfident, whole.left_out().unconfident);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 use super::*;
 use crate::fuse::testing::{Plane, arc, spoil};
-use crate::fuse::{Estimate, MEMORY, MemoryScratch, Sampling, fuse, oracle};
+use crate::fuse::{Estimate, MEMORY, MemoryScratch, Points, Sampling, fuse, oracle};
 use crate::progress::Silent;
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{DepthMap, View};

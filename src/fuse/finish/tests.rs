@@ -1,5 +1,6 @@
 use super::*;
 use crate::fuse::normals::from_depth;
+use crate::fuse::samples::Samples;
 use crate::fuse::testing::{random_view, rng, uniform};
 use glam::DVec2;
 use pulp::Arch;
@@ -83,7 +84,7 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
         let (mut plain, mut wide) = (Room::new(1), Room::new(1));
         let similar = 0.006;
         for room in [&mut plain, &mut wide] {
-            room.copy_windows(&kept, &block, &map);
+            room.copy_windows(&kept, &block, Rows::all(&map));
         }
         let face = |room| Face {
             frame: &frame,

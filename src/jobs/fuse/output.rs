@@ -164,12 +164,16 @@ pub(super) struct PlySink<W> {
     properties: Properties,
     /// For errors.
     path: PathBuf,
-    /// Room for rows.
+    /// Bytes of a row.
+    row: usize,
+    /// Rows that wait to be written together, then room for more.
     rows: Vec<u8>,
+    /// Bytes of those that wait.
+    waiting: usize,
 }
 
 /// How many rows are written at a time.
-const ROWS: usize = 4096;
+const ROWS: usize = 1 << 14;
 
 /// The vertex's properties.
 fn properties((columns, properties): (Columns, Properties)) -> Vec<(&'static str, Scalar)> {
@@ -202,62 +206,87 @@ impl<W: Write + Seek> PlySink<W> {
         comments: &[String],
         path: &Path,
     ) -> std::io::Result<Self> {
+        let properties = properties((columns, extra));
+        let row = properties.iter().map(|(_, scalar)| scalar.size()).sum();
         Ok(Self {
-            writer: StreamWriter::new(out, &properties((columns, extra)), comments)?,
+            writer: StreamWriter::new(out, &properties, comments)?,
             columns,
             properties: extra,
             path: path.to_path_buf(),
-            rows: Vec::new(),
+            row,
+            rows: vec![0; ROWS * row],
+            waiting: 0,
         })
     }
 
     pub(super) fn count(&self) -> u64 {
-        self.writer.count()
+        self.writer.count() + (self.waiting / self.row) as u64
     }
 
-    pub(super) fn finish(self) -> std::io::Result<u64> {
+    pub(super) fn finish(mut self) -> std::io::Result<u64> {
+        self.flush()?;
         self.writer.finish()
     }
 
-    /// The rows of the points in `range`.
-    fn fill(&self, points: &Points, range: Range<usize>, rows: &mut Vec<u8>) {
-        for at in range {
-            let position = points.positions[at];
-            rows.extend(
-                position
-                    .to_array()
-                    .iter()
-                    .flat_map(|value| value.to_le_bytes()),
-            );
-            if self.columns.has(Columns::NORMALS) {
-                let normal = points.normals[at].to_array();
-                rows.extend(normal.iter().flat_map(|value| value.to_le_bytes()));
+    /// Puts the points in `range` into `rows`, one after the other.
+    fn fill(&self, points: &Points, range: Range<usize>, rows: &mut [u8]) {
+        let columns = self.columns;
+        for (at, mut row) in range.zip(rows.chunks_exact_mut(self.row.max(1))) {
+            for value in points.positions[at].to_array() {
+                put(&mut row, value.to_le_bytes());
             }
-            if self.columns.has(Columns::COLORS) {
-                rows.extend(points.colors[at]);
+            if columns.has(Columns::NORMALS) {
+                for value in points.normals[at].to_array() {
+                    put(&mut row, value.to_le_bytes());
+                }
             }
-            rows.extend(points.view_counts[at].to_le_bytes());
-            if self.columns.has(Columns::CONFIDENCES) {
-                rows.extend(points.confidences[at].to_le_bytes());
+            if columns.has(Columns::COLORS) {
+                put(&mut row, points.colors[at]);
+            }
+            put(&mut row, points.view_counts[at].to_le_bytes());
+            if columns.has(Columns::CONFIDENCES) {
+                put(&mut row, points.confidences[at].to_le_bytes());
             }
             if self.properties == Properties::Full {
-                rows.extend(points.violations[at].to_le_bytes());
-                rows.extend(points.scales[at].to_le_bytes());
+                put(&mut row, points.violations[at].to_le_bytes());
+                put(&mut row, points.scales[at].to_le_bytes());
             }
         }
+    }
+
+    /// Hands the rows that wait to the file.
+    fn flush(&mut self) -> std::io::Result<()> {
+        let written = self.writer.write(&self.rows[..self.waiting]);
+        self.waiting = 0;
+        written
+    }
+}
+
+/// Puts `bytes` where `row` begins, which then begins after them.
+#[inline(always)]
+fn put<const N: usize>(row: &mut &mut [u8], bytes: [u8; N]) {
+    if let Some((to, rest)) = std::mem::take(row).split_first_chunk_mut() {
+        *to = bytes;
+        *row = rest;
     }
 }
 
 impl<W: Write + Seek> PointSink for PlySink<W> {
     fn take(&mut self, points: &Points) -> Result<()> {
-        let mut rows = std::mem::take(&mut self.rows);
-        for start in (0..points.len()).step_by(ROWS) {
-            rows.clear();
-            self.fill(points, start..(start + ROWS).min(points.len()), &mut rows);
-            let written = self.writer.write(&rows);
-            written.map_err(mvs_datasets::Error::io(&self.path, "write"))?;
+        let most = ROWS * self.row;
+        let mut start = 0;
+        while start < points.len() {
+            if self.waiting == most {
+                let written = self.flush();
+                written.map_err(mvs_datasets::Error::io(&self.path, "write"))?;
+            }
+            let free = (most - self.waiting) / self.row;
+            let end = points.len().min(start + free);
+            let (from, to) = (self.waiting, self.waiting + (end - start) * self.row);
+            let mut rows = std::mem::take(&mut self.rows);
+            self.fill(points, start..end, &mut rows[from..to]);
+            (self.rows, self.waiting, start) = (rows, to, end);
         }
-        self.rows = rows;
         Ok(())
     }
 }
