@@ -6,23 +6,23 @@ use super::cache::Cache;
 use super::cluster::fuse_clusters;
 use super::consensus::DYNAMIC_FROM;
 use super::counts::FuseCounts;
-use super::finish::Frame;
 use super::geometry::PairGeometry;
-use super::inputs::{DepthMaps, Scratch, check_size, check_views};
+use super::inputs::{DepthMaps, Scratch, check_views};
 use super::merrell::render;
-use super::options::{Colors, FuseMode, FuseOptions, Visibility};
+use super::options::{FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink};
-use super::reference::{Band, Finish, Reference, Region, Source, SourceImage};
+use super::reference::{Band, Reference, Region};
 use super::rules::Rule;
-use super::samples::{Confident, Filters, Samples, Unit, bordered, confidence, prepare};
+use super::samples::{Extent, Filters, Samples, Unit, bordered, confidence};
 use super::selection::{Confidences, Selection, Witness};
 use crate::error::Result;
 use crate::parallel;
 use crate::progress::Progress;
 use crate::warning::Warnings;
-use mvs_datasets::scene::{Aabb, ColorImage, Raster};
+use mvs_datasets::scene::{Aabb, Raster};
+use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Rows that one task works on.
 const BAND_ROWS: usize = 16;
@@ -74,7 +74,12 @@ pub fn fuse_maps(
         None
     };
     let inputs = &FuseInputs { region, ..*inputs };
-    let engine = Engine { inputs, options };
+    let engine = Engine {
+        inputs,
+        options,
+        extents: Mutex::default(),
+        spare: Mutex::default(),
+    };
     match options.mode {
         FuseMode::Hkust => engine.hkust(sink),
         FuseMode::Geo | FuseMode::Dynamic | FuseMode::Gipuma => engine.single(sink),
@@ -140,9 +145,21 @@ enum Maps {
 struct Engine<'a> {
     inputs: &'a FuseInputs<'a>,
     options: &'a FuseOptions,
+    /// By view, where its depths of the pass before end.
+    extents: Mutex<BTreeMap<usize, Arc<Vec<Extent>>>>,
+    /// Room for a view's confidences.
+    spare: Mutex<Vec<f32>>,
 }
 
 impl Engine<'_> {
+    fn spare(&self) -> MutexGuard<'_, Vec<f32>> {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn extents(&self) -> MutexGuard<'_, BTreeMap<usize, Arc<Vec<Extent>>>> {
+        self.extents.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The modes with one pass. Their confidence filter asks the reference only, except `gipuma`'s.
     fn single(&self, sink: &mut dyn PointSink) -> Result<FuseCounts> {
         let filters = match self.options.mode {
@@ -195,6 +212,9 @@ impl Engine<'_> {
                 counts = counts.plus(more);
             }
             self.inputs.scratch.store(self.key(to, index), stored)?;
+            // A pass leaves out pixels and finds none.
+            let extents = Arc::clone(reference.samples.extents());
+            self.extents().insert(index, extents);
             Ok(counts)
         })
     }
@@ -281,6 +301,9 @@ impl Engine<'_> {
                 }
             }
             sink.view_done()?;
+            if let Some(confident) = reference.confident.take() {
+                *self.spare() = confident.confidences;
+            }
             Ok(counts)
         })
     }
@@ -313,118 +336,6 @@ impl Engine<'_> {
         })
     }
 
-    /// The view at `index` as a reference, and what the filters left out of it.
-    fn reference(
-        &self,
-        index: usize,
-        from: Maps,
-        rule: Rule,
-        cache: &mut Cache<Samples>,
-    ) -> Result<(Reference<'_>, FuseCounts)> {
-        let maps = self.inputs.maps;
-        let view = maps.view(index);
-        let listed = maps.sources(index);
-        let used = &listed[..self.options.sources_used(listed.len())];
-        let mut wanted = used.to_vec();
-        wanted.push(index);
-        let mut samples = cache.get(&wanted, |source| {
-            let samples = self.samples(source, from)?;
-            let bytes = samples.bytes();
-            Ok((samples, bytes))
-        })?;
-        let own = samples.split_off(used.len()).remove(0);
-        let mut confident = None;
-        if from == Maps::Input(Filters::Depth) {
-            // References go through all filters.
-            let known = confidence(maps, index)?;
-            confident = known.map(|known| Confident::new(known, self.options));
-        }
-        let counts = own.left_out();
-        let source = |(&number, samples)| {
-            Source::new(view, (number, maps.view(number)), samples, self.options)
-        };
-        let reference = Reference {
-            number: index,
-            view,
-            samples: own,
-            confident,
-            sources: used.iter().zip(samples).map(source).collect(),
-            options: self.options,
-            rule,
-            needed: self.options.sources_needed(used.len()),
-            soften: self.options.soften,
-        };
-        Ok((reference, counts))
-    }
-
-    fn samples(&self, index: usize, from: Maps) -> Result<Samples> {
-        let pass = match from {
-            Maps::Input(filters) => {
-                return prepare(self.inputs.maps, index, self.options, filters);
-            }
-            Maps::Pass(pass) => pass,
-        };
-        let camera = &self.inputs.maps.view(index).camera;
-        let stored = self.inputs.scratch.fetch(self.key(pass, index))?;
-        let size = (camera.width(), camera.height());
-        Ok(Samples::from_bordered(size, Unit::of(self.options), stored))
-    }
-
-    /// Fetches what finished points need; the sources' images are put into `reference`.
-    fn finish(
-        &self,
-        reference: &mut Reference<'_>,
-        columns: Columns,
-        images: &mut Cache<ColorImage>,
-    ) -> Result<Finish<'_>> {
-        let maps = self.inputs.maps;
-        let index = reference.number;
-        let mut image = None;
-        if columns.has(Columns::COLORS) {
-            let mut wanted = vec![index];
-            if self.options.colors == Colors::Mean {
-                wanted.extend(reference.sources.iter().map(|source| source.number));
-            }
-            let mut found = images.get(&wanted, |at| self.image(at))?.into_iter();
-            image = found.next();
-            for (source, image) in reference.sources.iter_mut().zip(found) {
-                source.image = Some(SourceImage::new(image, &source.samples));
-            }
-        }
-        let mut own = None;
-        if reference.confident.is_none() && columns.has(Columns::CONFIDENCES) {
-            own = confidence(maps, index)?;
-        }
-        let normals = maps
-            .normals(index)?
-            .filter(|_| columns.has(Columns::NORMALS));
-        if let Some(normals) = &normals {
-            check_size(reference.view, normals.size(), "normal map")?;
-        }
-        Ok(Finish {
-            frame: Frame::new(reference.view),
-            centers: reference
-                .sources
-                .iter()
-                .map(|source| source.center)
-                .collect(),
-            columns,
-            image,
-            confidence: own,
-            normals,
-            region: self.inputs.region,
-        })
-    }
-
-    fn image(&self, index: usize) -> Result<(ColorImage, usize)> {
-        let Some(image) = self.inputs.maps.image(index)? else {
-            let view = format!("view {}", self.inputs.maps.view(index).id);
-            return Err(crate::Error::invalid(view, "expected an image, found none"));
-        };
-        let bytes = image.values().len() * 3;
-        Ok((image, bytes))
-    }
-
     fn discard(&self, maps: Maps) -> Result<()> {
         let Maps::Pass(pass) = maps else {
             return Ok(());
@@ -438,5 +349,6 @@ impl Engine<'_> {
     }
 }
 
+mod fetch;
 #[cfg(test)]
 mod tests;

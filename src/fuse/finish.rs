@@ -5,10 +5,11 @@
     reason = "columns are walked side by side, and closures would leave the instruction set"
 )]
 
+use super::confident::Rows;
 use super::consensus::Consensus;
 use super::geometry::unprojection;
 use super::kernel::{BLOCK, Block, Seen};
-use super::samples::{Rows, Unit};
+use super::samples::Unit;
 use crate::ahead::prefetch;
 use glam::{DMat3, DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, View};

@@ -31,6 +31,25 @@ pub trait DepthMaps: Sync {
     }
     /// Confidence per pixel, of the depth map's size.
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>>;
+    /// Puts of every row of [`DepthMaps::confidence`] the `wanted` columns where they belong in `to`, which is
+    /// row-major and of the depth map's size; false without confidence.
+    fn confidence_parts(
+        &self,
+        index: usize,
+        wanted: &dyn Fn(usize) -> Range<usize>,
+        to: &mut [f32],
+    ) -> Result<bool> {
+        let Some(confidence) = self.confidence(index)? else {
+            return Ok(false);
+        };
+        check_size(self.view(index), confidence.size(), "confidence")?;
+        let width = confidence.width() as usize;
+        for (row, values) in confidence.rows().enumerate() {
+            let wanted = wanted(row);
+            to[row * width..][wanted.clone()].copy_from_slice(&values[wanted]);
+        }
+        Ok(true)
+    }
     /// Which pixels count, of the depth map's size.
     fn mask(&self, _index: usize) -> Result<Option<Mask>> {
         Ok(None)

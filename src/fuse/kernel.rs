@@ -62,6 +62,16 @@ impl Block {
         self.len += 1;
     }
 
+    /// The row of a pixel.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "half a pixel below a row's border"
+    )]
+    pub(super) fn row(&self, at: usize) -> usize {
+        self.v[at] as usize
+    }
+
     pub(super) fn is_full(&self) -> bool {
         self.len == BLOCK
     }

@@ -9,6 +9,7 @@
 
 mod cache;
 mod cluster;
+mod confident;
 mod consensus;
 mod counts;
 mod engine;
@@ -30,6 +31,7 @@ mod rules;
 mod samples;
 pub mod sampling;
 mod selection;
+mod source;
 mod taps;
 #[cfg(test)]
 mod testing;

@@ -1,16 +1,18 @@
 //! One reference view against its sources: bands of rows to points, or to the depths of the next
 //! pass.
 
+use super::confident::{Confident, Rows};
 use super::consensus::Consensus;
 use super::counts::FuseCounts;
 use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room};
-use super::kernel::{BLOCK, Block, Pair, Seen};
+use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
 use super::points::{Columns, Points};
-use super::rules::{Against, Bounds, Case, Court, Rule, Verdict, disparity_scale};
-use super::samples::{Confident, Rows, Samples};
+use super::rules::{Against, Bounds, Case, Court, Rule, Verdict};
+use super::samples::Samples;
 use super::sampling;
+use super::source::{Source, SourceImage};
 use glam::{DVec2, DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, NormalMap, Raster, View};
 use pulp::Arch;
@@ -22,54 +24,6 @@ const STRIP: usize = 16;
 
 /// Tells whether a world point is wanted.
 pub type Region<'a> = dyn Fn(DVec3) -> bool + Sync + 'a;
-
-/// A source view, ready to be looked at from the reference.
-pub(super) struct Source {
-    /// The view's number.
-    pub(super) number: usize,
-    pub(super) pair: Pair,
-    pub(super) samples: Arc<Samples>,
-    pub(super) image: Option<SourceImage>,
-    /// Centre in the world.
-    pub(super) center: DVec3,
-    /// See [`disparity_scale`].
-    pub(super) disparity: f32,
-}
-
-/// A source's photograph and its pixels per pixel of the depth map.
-pub(super) struct SourceImage {
-    image: Arc<ColorImage>,
-    scale: [f32; 2],
-}
-
-impl SourceImage {
-    #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
-    pub(super) fn new(image: Arc<ColorImage>, samples: &Samples) -> Self {
-        let scale = [
-            image.width() as f32 / samples.width() as f32,
-            image.height() as f32 / samples.height() as f32,
-        ];
-        Self { image, scale }
-    }
-}
-
-impl Source {
-    pub(super) fn new(
-        reference: &View,
-        (number, view): (usize, &View),
-        samples: Arc<Samples>,
-        options: &FuseOptions,
-    ) -> Self {
-        Self {
-            number,
-            pair: Pair::new(reference, view),
-            samples,
-            image: None,
-            center: view.pose.center_in_world(),
-            disparity: disparity_scale(reference, view, options),
-        }
-    }
-}
 
 /// A reference view with all that its pixels are tested against.
 pub(super) struct Reference<'a> {
@@ -172,8 +126,7 @@ impl Reference<'_> {
                 return;
             }
             self.describe(&kept, (block, seen), (finish, own), &mut room);
-            let width = self.samples.width();
-            let row = |i: usize| block.pixel[i] as usize / width;
+            let row = |i: usize| block.row(i);
             for run in kept.chunk_by(|&a, &b| row(a) == row(b)) {
                 let points = &mut band.rows[row(run[0]) - rows.start];
                 self.add(run, (block, seen, consensus), (finish, &room), points);
@@ -222,7 +175,11 @@ impl Reference<'_> {
         };
         let mut block = Block::new();
         let width = self.samples.width();
-        for left in (0..width).step_by(STRIP) {
+        let extents = || rows.clone().map(|row| self.samples.extent(row));
+        let filled = || extents().filter(|extent| !extent.is_empty());
+        let first = filled().map(|extent| extent.start).min().unwrap_or(0);
+        let end = filled().map(|extent| extent.end).max().unwrap_or(0);
+        for left in (first / STRIP * STRIP..end).step_by(STRIP) {
             let right = (left + STRIP).min(width);
             for row in rows.clone() {
                 let values = &own.row(row)[left..right];
@@ -333,9 +290,12 @@ impl Reference<'_> {
             points.colors.extend(run_of().map(color));
         }
         if finish.columns.has(Columns::CONFIDENCES) {
-            let own = self.confident.as_ref().map(|own| &own.confidence);
-            let confidence = own.or(finish.confidence.as_ref());
-            let of = |i: usize| confidence.map_or(1.0, |map| map.values()[block.pixel[i] as usize]);
+            let own = self
+                .confident
+                .as_ref()
+                .map(|own| own.confidences.as_slice());
+            let confidence = own.or(finish.confidence.as_ref().map(Raster::values));
+            let of = |i: usize| confidence.map_or(1.0, |map| map[block.pixel[i] as usize]);
             points.confidences.extend(run_of().map(of));
         }
     }

@@ -48,7 +48,12 @@ pub(super) struct Samples {
     values: Arc<Vec<f32>>,
     /// What the filters left out of it.
     left_out: FuseCounts,
+    /// Beyond these columns a row has no depth.
+    extents: Arc<Vec<Extent>>,
 }
+
+/// Columns of a row.
+pub(super) type Extent = Range<u32>;
 
 impl Samples {
     /// From one stored value per pixel, row-major.
@@ -68,7 +73,24 @@ impl Samples {
             unit,
             values,
             left_out: FuseCounts::default(),
+            extents: Arc::new(vec![0..size.0; size.1 as usize]),
         }
+    }
+
+    /// With narrower extents, beyond which there is no depth.
+    pub(super) fn within(self, extents: Arc<Vec<Extent>>) -> Self {
+        Self { extents, ..self }
+    }
+
+    /// By row, the columns beyond which there is no depth.
+    pub(super) fn extents(&self) -> &Arc<Vec<Extent>> {
+        &self.extents
+    }
+
+    /// The columns of `row` beyond which there is no depth.
+    pub(super) fn extent(&self, row: usize) -> Range<usize> {
+        let Range { start, end } = self.extents[row];
+        start as usize..end as usize
     }
 
     /// The values with the border, to be kept.
@@ -124,97 +146,8 @@ impl Samples {
     }
 }
 
-/// Rows of a bordered map: all of them, or a band with a row above and one below.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rows<'a> {
-    values: &'a [f32],
-    /// Values of the whole map before these.
-    before: usize,
-    stride: usize,
-}
-
-impl<'a> Rows<'a> {
-    /// All of a map.
-    pub(super) fn all(samples: &'a Samples) -> Self {
-        Self {
-            values: samples.values(),
-            before: 0,
-            stride: samples.stride(),
-        }
-    }
-
-    /// The stored values of row `row`.
-    pub(super) fn row(&self, row: usize) -> &'a [f32] {
-        let start = (row + 1) * self.stride + 1 - self.before;
-        &self.values[start..start + self.stride - 2]
-    }
-
-    /// The stored values of the 3×3 pixels around the one at `place` in the bordered map, rows from the
-    /// top.
-    #[inline(always)]
-    pub(super) fn window(&self, place: usize) -> [[f32; 3]; 3] {
-        let first = place - self.stride - 1 - self.before;
-        std::array::from_fn(|row| {
-            let start = first + row * self.stride;
-            let three = self.values[start..].first_chunk();
-            three.copied().unwrap_or_default()
-        })
-    }
-}
-
-/// What leaves out a reference's pixels that have too little confidence, band by band.
-#[derive(Debug)]
-pub(super) struct Confident {
-    pub(super) confidence: Raster<f32>,
-    least: f32,
-}
-
-impl Confident {
-    pub(super) fn new(confidence: Raster<f32>, options: &FuseOptions) -> Self {
-        Self {
-            least: threshold(&confidence, options),
-            confidence,
-        }
-    }
-
-    /// Puts `rows` of the map without what has too little confidence into `room`; how many pixels of them
-    /// that were.
-    pub(super) fn band<'a>(
-        &self,
-        samples: &Samples,
-        rows: Range<usize>,
-        room: &'a mut Vec<f32>,
-    ) -> (Rows<'a>, u64) {
-        let stride = samples.stride();
-        let before = rows.start * stride;
-        room.clear();
-        room.extend_from_slice(&samples.values()[before..(rows.end + 2) * stride]);
-        let mut unconfident = 0;
-        for (at, own) in room.chunks_exact_mut(stride).enumerate() {
-            // The first is the row above `rows`.
-            let Some(row) = (rows.start + at).checked_sub(1) else {
-                continue;
-            };
-            let width = samples.width();
-            let Some(confidences) = self.confidence.values().get(row * width..(row + 1) * width)
-            else {
-                continue;
-            };
-            let left_out = leave_out(&mut own[1..=width], confidences, self.least);
-            unconfident += if rows.contains(&row) { left_out } else { 0 };
-        }
-        let values = room.as_slice();
-        let rows = Rows {
-            values,
-            before,
-            stride,
-        };
-        (rows, unconfident)
-    }
-}
-
 /// Leaves out what has less than the `least` confidence or none; how many that were.
-fn leave_out(row: &mut [f32], confidences: &[f32], least: f32) -> u64 {
+pub(super) fn leave_out(row: &mut [f32], confidences: &[f32], least: f32) -> u64 {
     let mut unconfident = 0u64;
     for (row, confidences) in row.chunks_mut(RUN).zip(confidences.chunks(RUN)) {
         if is_empty(row) {
@@ -281,10 +214,13 @@ pub(super) fn prepare(
         pixels: (width * height) as u64,
         ..FuseCounts::default()
     };
+    let mut extents = vec![0..size.0; height];
     maps.depth_rows(index, &mut |row, from| {
         let to = &mut values[(row + 1) * (width + 2) + 1..][..width];
         if filter.passes_all() {
-            counts.empty += convert_row(unit, from, to);
+            let (empty, extent) = convert_row(unit, from, to);
+            counts.empty += empty;
+            extents[row] = extent;
             return;
         }
         for (to, (pixel, &depth)) in to.iter_mut().zip((row * width..).zip(from)) {
@@ -292,6 +228,7 @@ pub(super) fn prepare(
         }
     })?;
     let mut samples = Samples::from_bordered(size, unit, Arc::new(values));
+    samples = samples.within(Arc::new(extents));
     samples.left_out = counts;
     match filters {
         Filters::All => {
@@ -302,15 +239,21 @@ pub(super) fn prepare(
     }
 }
 
-/// Puts the stored values of depths into `to`, which is all 0; how many have none. Where there are none at
-/// all nothing is written: pages of memory that nobody writes to cost nothing.
-fn convert_row(unit: Unit, from: &[f32], to: &mut [f32]) -> u64 {
+/// Puts the stored values of depths into `to`, which is all 0; how many have none, and the columns beyond
+/// which none has one. Where there are none at all nothing is written: pages of memory that nobody writes
+/// to cost nothing.
+#[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
+fn convert_row(unit: Unit, from: &[f32], to: &mut [f32]) -> (u64, Extent) {
     let mut all = 0u64;
-    for (to, from) in to.chunks_mut(RUN).zip(from.chunks(RUN)) {
+    let mut extent: Option<Extent> = None;
+    for (run, (to, from)) in to.chunks_mut(RUN).zip(from.chunks(RUN)).enumerate() {
         if is_empty(from) {
             all += from.len() as u64;
             continue;
         }
+        let start = (run * RUN) as u32;
+        let first = extent.map_or(start, |extent| extent.start);
+        extent = Some(first..start + from.len() as u32);
         let mut empty = 0u32;
         for (to, &depth) in to.iter_mut().zip(from) {
             let stored = unit.convert(depth);
@@ -319,7 +262,7 @@ fn convert_row(unit: Unit, from: &[f32], to: &mut [f32]) -> u64 {
         }
         all += u64::from(empty);
     }
-    all
+    (all, extent.unwrap_or(0..0))
 }
 
 /// `samples` of a view of this `confidence` through the last filter: without what has too little of it or
@@ -336,8 +279,11 @@ pub(super) fn keep_confident(
     let width = samples.width;
     // Copies them where others use them too.
     let values = Arc::make_mut(&mut samples.values);
-    for (row, confidences) in inner_rows(values, width).zip(confidence.rows()) {
-        samples.left_out.unconfident += leave_out(row, confidences, least);
+    let rows = inner_rows(values, width).zip(samples.extents.iter());
+    for ((row, extent), confidences) in rows.zip(confidence.rows()) {
+        let extent = extent.start as usize..extent.end as usize;
+        let unconfident = leave_out(&mut row[extent.clone()], &confidences[extent], least);
+        samples.left_out.unconfident += unconfident;
     }
     samples
 }
@@ -438,47 +384,17 @@ mod tests {
         assert_eq!((above, own, below), ([0.0; 3], [0.0, 3.0, 4.0], [0.0; 3]));
     }
 
-    /// Band by band it is what it is at once; in a row of 150 pixels runs without depth are passed over.
     #[test]
-    fn bands_leave_out_what_the_whole_map_does() {
-        let (width, height) = (150u32, 7u32);
-        let depth = |at: u32| match at % 150 / 64 {
-            1 => 0.0,
-            _ => f32::from(u8::from(at % 5 > 0)) * (1.0 + at as f32),
-        };
-        let confidence = |at: u32| match at % 7 {
-            0 => f32::NAN,
-            rest => rest as f32 / 7.0,
-        };
-        let depths: Vec<f32> = (0..width * height).map(depth).collect();
-        let confidences: Vec<f32> = (0..width * height).map(confidence).collect();
-        let confidence = Raster::from_values(width, height, confidences.clone()).unwrap();
-        let options = FuseOptions {
-            min_confidence: 0.5,
-            ..FuseOptions::default()
-        };
-        let samples = Samples::new((width, height), Unit::Depth, &depths);
-        let whole = keep_confident(samples.clone(), Some(&confidence), &options);
-        for (at, (&depth, &confidence)) in depths.iter().zip(&confidences).enumerate() {
-            let stored = whole.row(at / 150)[at % 150];
-            assert_eq!(stored, if confidence >= 0.5 { depth } else { 0.0 });
+    fn rows_know_where_their_depths_end() {
+        for (filled, expected) in [(0..0, 0..0), (70..75, 64..128), (3..140, 0..150)] {
+            let from: Vec<f32> = (0..150)
+                .map(|at| f32::from(u8::from(filled.contains(&at))))
+                .collect();
+            let mut to = vec![0.0; 150];
+            let (empty, extent) = convert_row(Unit::Depth, &from, &mut to);
+            assert_eq!((to, extent), (from, expected));
+            assert_eq!(empty, 150 - filled.len() as u64);
         }
-        let confident = Confident::new(confidence, &options);
-        let mut unconfident = 0;
-        for rows in [0..3, 3..4, 4..7] {
-            let mut room = vec![9.0; 5];
-            let (band, more) = confident.band(&samples, rows.clone(), &mut room);
-            unconfident += more;
-            for row in rows {
-                assert_eq!(band.row(row), whole.row(row));
-                for column in 0..150 {
-                    let place = (row + 1) * 152 + column + 1;
-                    assert_eq!(band.window(place), whole.around(column, row));
-                }
-            }
-        }
-        assert!(unconfident > 0);
-        assert_eq!(unconfident, whole.left_out().unconfident);
     }
 
     #[test]

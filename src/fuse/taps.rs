@@ -47,22 +47,33 @@ impl Sampled {
         (footprint, z): (&Footprint, &[f32; BLOCK]),
         ratio: &mut [f32; BLOCK],
     ) {
-        self.gather(source, &footprint.index);
-        match (taps, source.unit()) {
-            (Taps::Valid(similar), _) => self.valid((footprint, z), similar, ratio),
-            (Taps::Plain, _) => self.plain((footprint, z), ratio),
-            (Taps::Nearest, Unit::Inverse) => {
+        if taps != Taps::Nearest {
+            self.gather(source, &footprint.index);
+        }
+        match taps {
+            Taps::Valid(similar) => self.valid((footprint, z), similar, ratio),
+            Taps::Plain => self.plain((footprint, z), ratio),
+            Taps::Nearest => {
+                self.gather_nearest(source, footprint);
                 for i in 0..BLOCK {
-                    self.near[i] = nearest(self.top[i], self.bottom[i], footprint, i) * z[i];
+                    self.near[i] = match source.unit() {
+                        Unit::Inverse => self.near[i] * z[i],
+                        Unit::Depth => over(z[i], self.near[i]),
+                    };
                 }
                 *ratio = self.near;
             }
-            (Taps::Nearest, Unit::Depth) => {
-                for i in 0..BLOCK {
-                    self.near[i] = over(z[i], nearest(self.top[i], self.bottom[i], footprint, i));
-                }
-                *ratio = self.near;
-            }
+        }
+    }
+
+    /// Fetches the nearest pixels alone.
+    #[inline(always)]
+    fn gather_nearest(&mut self, source: &Samples, footprint: &Footprint) {
+        let (values, stride) = (source.values(), source.stride());
+        for i in 0..BLOCK {
+            let right = usize::from(footprint.fx[i] >= 0.5);
+            let below = if footprint.fy[i] >= 0.5 { stride } else { 0 };
+            self.near[i] = values[footprint.index[i] as usize + right + below];
         }
     }
 

@@ -4,6 +4,7 @@ use super::text::shown;
 use crate::error::FormatError;
 use crate::scene::Raster;
 use std::io::Write;
+use std::ops::Range;
 
 /// A PFM's content, rows from the top.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,6 +58,18 @@ pub fn gray_rows(
     size: (u32, u32),
     mut take: impl FnMut(usize, &mut [f32]),
 ) -> Result<(), FormatError> {
+    let all = |_| 0..size.0 as usize;
+    gray_parts(bytes, size, all, |row, _, values| take(row, values))
+}
+
+/// As [`gray_rows`], of every row the `wanted` columns only: `take(row, columns, values)`. What is not wanted
+/// is not looked at.
+pub fn gray_parts(
+    bytes: &[u8],
+    size: (u32, u32),
+    wanted: impl Fn(usize) -> Range<usize>,
+    mut take: impl FnMut(usize, Range<usize>, &mut [f32]),
+) -> Result<(), FormatError> {
     let (header, body) = read_whole(bytes)?;
     if header.color || (header.width, header.height) != size {
         let problem = format!(
@@ -71,15 +84,16 @@ pub fn gray_rows(
     }
     let mut values = vec![0.0; size.0 as usize];
     for (row, bytes) in body.rchunks_exact((4 * values.len()).max(1)).enumerate() {
-        let floats = bytes.as_chunks::<4>().0;
+        let columns = wanted(row);
+        let floats = &bytes.as_chunks::<4>().0[columns.clone()];
+        let values = &mut values[..floats.len()];
+        let numbers = values.iter_mut().zip(floats);
         if header.big_endian {
-            let numbers = values.iter_mut().zip(floats);
             numbers.for_each(|(to, four)| *to = f32::from_be_bytes(*four));
         } else {
-            let numbers = values.iter_mut().zip(floats);
             numbers.for_each(|(to, four)| *to = f32::from_le_bytes(*four));
         }
-        take(row, &mut values);
+        take(row, columns, values);
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use crate::scene::{
     ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
 use std::io::{BufWriter, Write};
+use std::ops::Range;
 use std::path::Path;
 
 /// What the names of temporary files begin with; what an ended process leaves of them may go.
@@ -125,6 +126,21 @@ pub fn read_depth_rows(
         })
     })?;
     Ok(all)
+}
+
+/// Calls `take(row, columns, values)` with the `wanted` columns of every row, from the top, of a one-channel
+/// PFM of this size; what is not wanted is not read. Values are as stored.
+pub fn read_raster_parts(
+    path: &Path,
+    size: (u32, u32),
+    wanted: &dyn Fn(usize) -> Range<usize>,
+    take: &mut dyn FnMut(usize, Range<usize>, &[f32]),
+) -> Result<()> {
+    read_with(path, |bytes| {
+        format::pfm::gray_parts(bytes, size, wanted, |row, columns, values| {
+            take(row, columns, values);
+        })
+    })
 }
 
 /// Reads a 4×4 similarity transform.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::fuse::confident::Rows;
 use crate::fuse::normals::from_depth;
 use crate::fuse::samples::Samples;
 use crate::fuse::testing::{random_view, rng, uniform};

@@ -6,7 +6,7 @@ use crate::fuse::{DepthMaps, Scratch};
 use crate::jobs::Context;
 use crate::warning::Warnings;
 use mvs_datasets::format::colmap::dense;
-use mvs_datasets::format::image;
+use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::scratch::ScratchFolder;
@@ -186,6 +186,33 @@ impl DepthMaps for FolderMaps<'_> {
             });
         }
         Ok(least)
+    }
+
+    fn confidence_parts(
+        &self,
+        index: usize,
+        wanted: &dyn Fn(usize) -> Range<usize>,
+        to: &mut [f32],
+    ) -> Result<bool> {
+        let camera = &self.entries[index].view.camera;
+        let (width, size) = (camera.width() as usize, (camera.width(), camera.height()));
+        let mut put = |row: usize, wanted: Range<usize>, values: &[f32]| {
+            to[row * width..][wanted].copy_from_slice(values);
+        };
+        match self.entries[index].confidence.as_slice() {
+            [] => return Ok(false),
+            [only] => {
+                self.check_size(index, only, files::read_with(only, pfm::read_size)?)?;
+                files::read_raster_parts(only, size, wanted, &mut put)?;
+            }
+            _ => {
+                let least = self.confidence(index)?;
+                for (row, values) in least.iter().flat_map(Raster::rows).enumerate() {
+                    put(row, wanted(row), &values[wanted(row)]);
+                }
+            }
+        }
+        Ok(true)
     }
 
     fn normals(&self, index: usize) -> Result<Option<NormalMap>> {

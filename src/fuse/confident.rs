@@ -1,0 +1,169 @@
+//! Bands of a reference's map without what has too little confidence.
+
+use super::inputs::DepthMaps;
+use super::options::FuseOptions;
+use super::samples::{Samples, confidence, leave_out, threshold};
+use crate::error::Result;
+use std::ops::Range;
+
+/// Rows of a bordered map: all of them, or a band with a row above and one below.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rows<'a> {
+    values: &'a [f32],
+    /// Values of the whole map before these.
+    before: usize,
+    stride: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// All of a map.
+    pub(super) fn all(samples: &'a Samples) -> Self {
+        Self {
+            values: samples.values(),
+            before: 0,
+            stride: samples.stride(),
+        }
+    }
+
+    /// The stored values of row `row`.
+    pub(super) fn row(&self, row: usize) -> &'a [f32] {
+        let start = (row + 1) * self.stride + 1 - self.before;
+        &self.values[start..start + self.stride - 2]
+    }
+
+    /// The stored values of the 3×3 pixels around the one at `place` in the bordered map, rows from the
+    /// top.
+    #[inline(always)]
+    pub(super) fn window(&self, place: usize) -> [[f32; 3]; 3] {
+        let first = place - self.stride - 1 - self.before;
+        std::array::from_fn(|row| {
+            let start = first + row * self.stride;
+            let three = self.values[start..].first_chunk();
+            three.copied().unwrap_or_default()
+        })
+    }
+}
+
+/// What leaves out a reference's pixels that have too little confidence, band by band.
+#[derive(Debug)]
+pub(super) struct Confident {
+    /// By pixel; those beyond the map's extents mean nothing.
+    pub(super) confidences: Vec<f32>,
+    least: f32,
+}
+
+impl Confident {
+    /// Reads a view's confidence into `room`; `None` if it has none.
+    pub(super) fn read(
+        (maps, index): (&dyn DepthMaps, usize),
+        samples: &Samples,
+        options: &FuseOptions,
+        mut room: Vec<f32>,
+    ) -> Result<Option<Self>> {
+        if options.confidence_quantile > 0.0 {
+            let known = confidence(maps, index)?;
+            return Ok(known.map(|known| Self {
+                least: threshold(&known, options),
+                confidences: known.into_values(),
+            }));
+        }
+        room.resize(samples.width() * samples.height(), 0.0);
+        let wanted = |row: usize| samples.extent(row);
+        let known = maps.confidence_parts(index, &wanted, &mut room)?;
+        Ok(known.then_some(Self {
+            confidences: room,
+            least: options.min_confidence,
+        }))
+    }
+
+    /// Puts `rows` of the map without what has too little confidence into `room`; how many pixels of them
+    /// that were.
+    pub(super) fn band<'a>(
+        &self,
+        samples: &Samples,
+        rows: Range<usize>,
+        room: &'a mut Vec<f32>,
+    ) -> (Rows<'a>, u64) {
+        let (width, stride) = (samples.width(), samples.stride());
+        let before = rows.start * stride;
+        room.clear();
+        room.resize((rows.len() + 2) * stride, 0.0);
+        let mut unconfident = 0;
+        for (at, own) in room.chunks_exact_mut(stride).enumerate() {
+            // The first is the row above `rows`.
+            let row = (rows.start + at).checked_sub(1);
+            let Some(row) = row.filter(|&row| row < samples.height()) else {
+                continue;
+            };
+            let extent = samples.extent(row);
+            let own = &mut own[1..=width][extent.clone()];
+            own.copy_from_slice(&samples.row(row)[extent.clone()]);
+            let confidences = &self.confidences[row * width..][extent];
+            let left_out = leave_out(own, confidences, self.least);
+            unconfident += if rows.contains(&row) { left_out } else { 0 };
+        }
+        let values = room.as_slice();
+        let rows = Rows {
+            values,
+            before,
+            stride,
+        };
+        (rows, unconfident)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fuse::samples::{Unit, keep_confident};
+    use mvs_datasets::scene::Raster;
+    use std::sync::Arc;
+
+    /// Band by band it is what it is at once, within extents that are known and without.
+    #[test]
+    fn bands_leave_out_what_the_whole_map_does() {
+        let (width, height) = (150u32, 7u32);
+        let depth = |at: u32| match (at % 150 / 64, at / 150) {
+            (1.., _) | (_, 5) => 0.0,
+            _ => f32::from(u8::from(at % 5 > 0)) * (1.0 + at as f32),
+        };
+        let confidence = |at: u32| match at % 7 {
+            0 => f32::NAN,
+            rest => rest as f32 / 7.0,
+        };
+        let depths: Vec<f32> = (0..width * height).map(depth).collect();
+        let confidences: Vec<f32> = (0..width * height).map(confidence).collect();
+        let confidence = Raster::from_values(width, height, confidences.clone()).unwrap();
+        let options = FuseOptions {
+            min_confidence: 0.5,
+            ..FuseOptions::default()
+        };
+        let samples = Samples::new((width, height), Unit::Depth, &depths);
+        let whole = keep_confident(samples.clone(), Some(&confidence), &options);
+        for (at, (&depth, &confidence)) in depths.iter().zip(&confidences).enumerate() {
+            let stored = whole.row(at / 150)[at % 150];
+            assert_eq!(stored, if confidence >= 0.5 { depth } else { 0.0 });
+        }
+        let confident = Confident {
+            confidences,
+            least: 0.5,
+        };
+        let narrow = |row: u32| if row == 5 { 0..0 } else { 0..64 };
+        let samples = samples.within(Arc::new((0..height).map(narrow).collect()));
+        let mut unconfident = 0;
+        for rows in [0..3, 3..4, 4..7] {
+            let mut room = vec![9.0; 5];
+            let (band, more) = confident.band(&samples, rows.clone(), &mut room);
+            unconfident += more;
+            for row in rows {
+                assert_eq!(band.row(row), whole.row(row));
+                for column in 0..150 {
+                    let place = (row + 1) * 152 + column + 1;
+                    assert_eq!(band.window(place), whole.around(column, row));
+                }
+            }
+        }
+        assert!(unconfident > 0);
+        assert_eq!(unconfident, whole.left_out().unconfident);
+    }
+}
