@@ -125,7 +125,7 @@ mod tests {
         let (width, height) = (150u32, 7u32);
         let depth = |at: u32| match (at % 150 / 64, at / 150) {
             (1.., _) | (_, 5) => 0.0,
-            _ => f32::from(u8::from(at % 5 > 0)) * (1.0 + at as f32),
+            _ => f32::from(u8::from(!at.is_multiple_of(5))) * (1.0 + at as f32),
         };
         let confidence = |at: u32| match at % 7 {
             0 => f32::NAN,

@@ -134,7 +134,7 @@ pub fn read_raster_parts(
     path: &Path,
     size: (u32, u32),
     wanted: &dyn Fn(usize) -> Range<usize>,
-    take: &mut dyn FnMut(usize, Range<usize>, &[f32]),
+    mut take: impl FnMut(usize, Range<usize>, &[f32]),
 ) -> Result<()> {
     read_with(path, |bytes| {
         format::pfm::gray_parts(bytes, size, wanted, |row, columns, values| {
