@@ -19,7 +19,11 @@ const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 /// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread, 16 bits
 /// become 8.
 pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
-    let decoder = decoder(bytes)?;
+    let pixels = pixels(bytes)?;
+    if let Some(image) = jpeg::decode(bytes, pixels) {
+        return Ok(image);
+    }
+    let decoder = decoder(bytes, pixels)?;
     let (width, height) = decoder.dimensions();
     let values = match decoder.color_type() {
         ColorType::Rgb8 => {
@@ -65,11 +69,11 @@ pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
 
 /// Decodes after checking that the stated size is possible for so few bytes.
 fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
-    DynamicImage::from_decoder(decoder(bytes)?).map_err(undecodable)
+    DynamicImage::from_decoder(decoder(bytes, pixels(bytes)?)?).map_err(undecodable)
 }
 
-/// What decodes, if the stated size is possible for so few bytes.
-fn decoder(bytes: &[u8]) -> Result<impl ImageDecoder, FormatError> {
+/// The pixels that a JPEG or PNG states, if so few bytes can hold them.
+fn pixels(bytes: &[u8]) -> Result<u64, FormatError> {
     let (width, height) = read_size(bytes)?;
     let pixels = u64::from(width) * u64::from(height);
     let most = MOST_PIXELS.min(MOST_PIXELS_PER_BYTE * bytes.len() as u64);
@@ -80,6 +84,11 @@ fn decoder(bytes: &[u8]) -> Result<impl ImageDecoder, FormatError> {
         );
         return Err(FormatError::new("header", problem));
     }
+    Ok(pixels)
+}
+
+/// What decodes so many pixels.
+fn decoder(bytes: &[u8], pixels: u64) -> Result<impl ImageDecoder, FormatError> {
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format_of(bytes)?);
     let mut limits = Limits::default();
     limits.max_alloc = Some(8 * pixels + (1 << 26));

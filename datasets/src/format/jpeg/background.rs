@@ -281,12 +281,12 @@ impl WithSimd for Decode<'_> {
             let rows = rows[0].each_mut();
             transform::inverse(
                 coded,
-                luma,
+                &luma.steps,
                 rows.map(|row| &mut row.as_chunks_mut::<WIDTH>().0[along]),
             );
         }
         for (coded, out) in self.stripe.chroma.iter().zip(&mut self.out.chroma) {
-            transform::inverse(coded, chroma, out.each_mut());
+            transform::inverse(coded, &chroma.steps, out.each_mut());
         }
     }
 }

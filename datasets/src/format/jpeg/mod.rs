@@ -1,4 +1,5 @@
-//! Baseline JPEG: an encoder, and what a decoder would make of the background of its images.
+//! Baseline JPEG: an encoder, what a decoder would make of the background of its images, and a decoder of
+//! what is plain.
 //!
 //! By the JPEG standard (ITU-T T.81) and JFIF 1.02, with the typical Huffman tables of its section K.3
 //! and the quantisers of section K.1 scaled by quality. All arithmetic is in integers: the bytes are
@@ -7,11 +8,13 @@
 
 mod background;
 mod bits;
+mod decode;
 mod stripe;
 mod tables;
 mod transform;
 
 pub use background::stays_dark;
+pub(super) use decode::decode;
 
 use crate::scene::{ColorImage, Mask};
 use bits::{Bits, Codes};

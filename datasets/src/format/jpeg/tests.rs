@@ -4,7 +4,7 @@ use crate::scene::Raster;
 use jpeg_encoder::{ChromaSubsamplingMethod, ColorType, Encoder, SamplingFactor};
 
 /// The crate that this encoder's bytes are those of.
-fn oracle(image: &ColorImage, options: JpegOptions) -> Vec<u8> {
+pub(super) fn oracle(image: &ColorImage, options: JpegOptions) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, options.quality);
     encoder.set_chroma_subsampling_method(ChromaSubsamplingMethod::Average);
@@ -20,7 +20,7 @@ fn oracle(image: &ColorImage, options: JpegOptions) -> Vec<u8> {
     bytes
 }
 
-fn random(index: u32, seed: u32) -> u32 {
+pub(super) fn random(index: u32, seed: u32) -> u32 {
     let mut state = index.wrapping_mul(2_654_435_761) ^ seed.wrapping_mul(2_246_822_519);
     state ^= state >> 15;
     state = state.wrapping_mul(3_266_489_917);
@@ -28,7 +28,7 @@ fn random(index: u32, seed: u32) -> u32 {
 }
 
 /// Pictures of several kinds: smooth, flat, noise, noise in few pixels, black and white, steps.
-fn picture((width, height): (u32, u32), kind: u32) -> ColorImage {
+pub(super) fn picture((width, height): (u32, u32), kind: u32) -> ColorImage {
     let values = (0..width * height).map(|i| {
         let (x, y) = (i % width, i / width);
         [0, 1, 2].map(|channel| {
@@ -64,7 +64,7 @@ const SIZES: [(u32, u32); 12] = [
     (523, 47),
 ];
 
-fn all_options(qualities: &[u8]) -> Vec<JpegOptions> {
+pub(super) fn all_options(qualities: &[u8]) -> Vec<JpegOptions> {
     let both = |&quality: &u8| {
         [true, false].map(|subsample_chroma| JpegOptions {
             quality,

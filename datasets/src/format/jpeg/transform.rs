@@ -6,6 +6,7 @@
 //! the compiler makes vector instructions of the innermost loops.
 
 use super::tables::ZIGZAG;
+use std::num::Wrapping;
 
 /// Blocks side by side.
 pub(super) const BLOCKS: usize = 16;
@@ -33,7 +34,7 @@ impl Coefficients {
 
 /// A quantiser for all blocks, in the order of the zigzag.
 pub(super) struct Quantiser {
-    steps: [u8; 64],
+    pub(super) steps: [u8; 64],
     /// What makes the division by 8 times the step one that rounds to the nearest.
     corrections: Vec<u16>,
     /// 2^16 divided by 8 times the step.
@@ -188,22 +189,32 @@ fn bits_of(values: &[Each<i16>]) -> Each<u32> {
     bits
 }
 
+/// As the decoder adds and multiplies numbers that no image has.
+type W = Wrapping<i32>;
+
 /// The eight outputs of the one-dimensional inverse transform, times 2^12.
 #[inline(always)]
-fn inverse_8(v: [i32; 8], rounding: i32) -> [i32; 8] {
-    let shared = 2217 * (v[2] + v[6]);
-    let (low, high) = (shared - 7567 * v[6], shared + 3135 * v[2]);
+fn inverse_8(v: [W; 8], rounding: i32) -> [W; 8] {
+    let shared = Wrapping(2217) * (v[2] + v[6]);
+    let (low, high) = (
+        shared - Wrapping(7567) * v[6],
+        shared + Wrapping(3135) * v[2],
+    );
     let (sum, difference) = (((v[0] + v[4]) << 12), ((v[0] - v[4]) << 12));
-    let even = [sum + high, difference + low, difference - low, sum - high].map(|x| x + rounding);
+    let even = [sum + high, difference + low, difference - low, sum - high]
+        .map(|x| x + Wrapping(rounding));
     let (a, b, c, d) = (v[7], v[5], v[3], v[1]);
-    let shared = 4816 * ((a + c) + (b + d));
-    let (ad, bc) = (shared - 3685 * (a + d), shared - 10497 * (b + c));
-    let (ac, bd) = (-8034 * (a + c), -1597 * (b + d));
+    let shared = Wrapping(4816) * ((a + c) + (b + d));
+    let (ad, bc) = (
+        shared - Wrapping(3685) * (a + d),
+        shared - Wrapping(10497) * (b + c),
+    );
+    let (ac, bd) = (Wrapping(-8034) * (a + c), Wrapping(-1597) * (b + d));
     let odd = [
-        6149 * d + ad + bd,
-        12586 * c + bc + ac,
-        8410 * b + bc + bd,
-        1223 * a + ad + ac,
+        Wrapping(6149) * d + ad + bd,
+        Wrapping(12586) * c + bc + ac,
+        Wrapping(8410) * b + bc + bd,
+        Wrapping(1223) * a + ad + ac,
     ];
     [
         even[0] + odd[0],
@@ -219,13 +230,13 @@ fn inverse_8(v: [i32; 8], rounding: i32) -> [i32; 8] {
 
 /// The eight rows of pixels that a decoder makes of the blocks.
 #[inline(always)]
-pub(super) fn inverse(coded: &Coefficients, quantiser: &Quantiser, rows: [&mut [u8; WIDTH]; 8]) {
-    let mut values = [[[0i32; BLOCKS]; 8]; 8];
-    for ((at, coded), step) in ZIGZAG.into_iter().zip(&coded.values).zip(quantiser.steps) {
+pub(super) fn inverse(coded: &Coefficients, steps: &[u8; 64], rows: [&mut [u8; WIDTH]; 8]) {
+    let mut values = [[[Wrapping(0i32); BLOCKS]; 8]; 8];
+    for ((at, coded), step) in ZIGZAG.into_iter().zip(&coded.values).zip(steps) {
         let at = usize::from(at);
-        values[at / 8][at % 8] = coded.map(|value| i32::from(value) * i32::from(step));
+        values[at / 8][at % 8] = coded.map(|value| Wrapping(i32::from(value) * i32::from(*step)));
     }
-    let mut half = [[[0i32; BLOCKS]; 8]; 8];
+    let mut half = [[[Wrapping(0i32); BLOCKS]; 8]; 8];
     for (x, half) in half.iter_mut().enumerate() {
         for block in 0..BLOCKS {
             let all = inverse_8(
@@ -261,7 +272,7 @@ pub(super) fn inverse(coded: &Coefficients, quantiser: &Quantiser, rows: [&mut [
                 half[7][y][block],
             ];
             for (x, value) in inverse_8(all, rounding).into_iter().enumerate() {
-                pixels[x][block] = (value >> 17).clamp(0, 255) as u8;
+                pixels[x][block] = (value >> 17).0.clamp(0, 255) as u8;
             }
         }
         for (block, out) in row.as_chunks_mut::<8>().0.iter_mut().enumerate() {

@@ -1,0 +1,130 @@
+use super::*;
+use crate::format::jpeg::JpegOptions;
+use crate::format::jpeg::tests::{all_options, oracle, picture, random};
+use ::image::ImageFormat;
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+
+/// What the decoder of all other files makes of the bytes.
+fn obvious(bytes: &[u8]) -> Option<Vec<u8>> {
+    let image = ::image::load_from_memory_with_format(bytes, ImageFormat::Jpeg).ok()?;
+    Some(image.into_rgb8().into_raw())
+}
+
+fn found(bytes: &[u8]) -> Option<Vec<u8>> {
+    let image = decode(bytes, u64::MAX)?;
+    Some(image.values().as_flattened().to_vec())
+}
+
+const SIZES: [(u32, u32); 10] = [
+    (17, 17),
+    (24, 40),
+    (33, 31),
+    (127, 24),
+    (128, 33),
+    (129, 47),
+    (255, 18),
+    (256, 48),
+    (257, 50),
+    (523, 47),
+];
+
+#[test]
+fn pixels_are_those_of_the_other_decoder() {
+    for size in SIZES {
+        for kind in 0..7 {
+            let image = picture(size, kind);
+            for options in all_options(&[1, 10, 50, 75, 95, 100]) {
+                let bytes = oracle(&image, options);
+                let found = found(&bytes);
+                assert!(
+                    found.is_some() && found == obvious(&bytes),
+                    "{size:?} {kind} {options:?}"
+                );
+            }
+        }
+    }
+}
+
+/// An image encoded in a way that the other tests do not have.
+fn encoded(size: (u32, u32), change: impl Fn(&mut Encoder<&mut Vec<u8>>)) -> Vec<u8> {
+    let image = picture(size, 6);
+    let mut bytes = Vec::new();
+    let mut encoder = Encoder::new(&mut bytes, 93);
+    change(&mut encoder);
+    let pixels = image.values().as_flattened();
+    let (width, height) = (size.0 as u16, size.1 as u16);
+    encoder
+        .encode(pixels, width, height, ColorType::Rgb)
+        .unwrap();
+    bytes
+}
+
+#[test]
+fn notes_are_skipped_and_what_is_not_plain_is_left_alone() {
+    let size = (211, 103);
+    let noted = encoded(size, |encoder| {
+        encoder.add_app_segment(11, vec![7; 300]).unwrap();
+    });
+    assert!(found(&noted).is_some() && found(&noted) == obvious(&noted));
+    let others: [fn(&mut Encoder<&mut Vec<u8>>); 4] = [
+        |encoder| encoder.set_progressive(true),
+        |encoder| encoder.set_restart_interval(5),
+        |encoder| encoder.set_sampling_factor(SamplingFactor::F_2_1),
+        // Each component in a scan of its own.
+        |encoder| encoder.set_optimized_huffman_tables(true),
+    ];
+    for change in others {
+        let bytes = encoded(size, change);
+        assert!(obvious(&bytes).is_some() && found(&bytes).is_none());
+    }
+    let small = encoded((16, 100), |_| {});
+    assert!(obvious(&small).is_some() && found(&small).is_none());
+    assert!(decode(&noted, 211 * 103 - 1).is_none());
+    let mut png = Vec::new();
+    crate::format::image::write_png(&mut png, &picture((40, 40), 0)).unwrap();
+    assert!(found(&png).is_none() && found(&[]).is_none());
+}
+
+#[test]
+fn broken_files_are_left_alone_or_read_as_they_are() {
+    let mut read = 0;
+    for (seed, options) in (0u32..).zip(all_options(&[60, 95])) {
+        let whole = oracle(&picture((83, 61), 2 + seed), options);
+        for round in 0..1500 {
+            let mut bytes = whole.clone();
+            let noise = |index| random(round, 31 * seed + index) as usize;
+            match round % 3 {
+                0 => bytes.truncate(noise(0) % whole.len()),
+                1 => bytes[noise(1) % whole.len()] ^= 1 << (noise(2) % 8),
+                _ => {
+                    let header = 2 + noise(1) % 620;
+                    bytes[header] = noise(2) as u8;
+                }
+            }
+            if let Some(found) = found(&bytes) {
+                assert!(Some(found) == obvious(&bytes), "{options:?} {round}");
+                read += 1;
+            }
+        }
+    }
+    assert!(read > 100, "{read} only");
+}
+
+#[test]
+fn tables_that_cannot_be_are_refused() {
+    let symbols = [1; 256];
+    let mut counts = [0; 16];
+    counts[0] = 2;
+    assert!(Table::new(&counts, &symbols[..2], true).is_none());
+    counts[0] = 1;
+    assert!(Table::new(&counts, &symbols[..1], true).is_some());
+    counts[1] = 3;
+    assert!(Table::new(&counts, &symbols[..4], false).is_none());
+}
+
+#[test]
+fn default_options_are_read() {
+    let image = picture((64, 64), 0);
+    let bytes = crate::format::jpeg::encode(&image, None, JpegOptions::default()).unwrap();
+    assert!(found(&bytes) == obvious(&bytes) && found(&bytes).is_some());
+}
