@@ -194,7 +194,7 @@ mod tests {
     fn depths(kind: u32, count: u32) -> Vec<f32> {
         let value = |i: u32| match kind {
             0 => 1.0 + (noise(i) >> 8) as f32 * 1e-7,
-            1 if i % 5 == 0 => 0.0,
+            1 if i.is_multiple_of(5) => 0.0,
             1 => 3.0 + i as f32 * 1e-4,
             2 => [0.0, 2.5, 2.5, 7.0][(noise(i) % 4) as usize],
             3 if noise(i).is_multiple_of(5000) => (noise(i + 1) >> 16) as f32 + 1.0,

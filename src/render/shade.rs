@@ -303,7 +303,7 @@ impl<'m> Brushes<'m> {
             let range = first * BLOCK..width.min(end * BLOCK);
             match kind {
                 Kind::Nothing => {
-                    self.mixed[range.start / side..range.end.div_ceil(side)].fill(true)
+                    self.mixed[range.start / side..range.end.div_ceil(side)].fill(true);
                 }
                 Kind::Texture(place) if self.find(place, range.clone()) => {
                     self.add(l, place, (range, side));
