@@ -33,6 +33,8 @@ struct Edge {
 
 /// Covers the rounding of a point on an edge, relative to its ends.
 const ROUNDING: f64 = 1e-12;
+/// How far a box lies from an edge that is clear of it, relative to their coordinates.
+const CLEAR: f64 = 1e-9;
 
 impl Edge {
     fn new(i: DVec2, j: DVec2) -> Self {
@@ -54,6 +56,25 @@ impl Edge {
             return crossed && pu > self.high;
         }
         i.x + (pv - i.y) / (j.y - i.y) * (j.x - i.x) < pu
+    }
+
+    /// Whether it is clear that it stays outside of a box.
+    fn keeps_out_of(&self, (low, high): (DVec2, DVec2)) -> bool {
+        let (i, j) = (self.i, self.j);
+        if i.y.max(j.y) < low.y || high.y < i.y.min(j.y) || self.high < low.x || high.x < self.low {
+            return true;
+        }
+        let along = j - i;
+        let length = along.abs().element_sum();
+        let side = |corner: DVec2| {
+            let reach = (i.abs() + j.abs() + corner.abs()).element_sum();
+            let area = along.perp_dot(corner - i);
+            // Well above all rounding, here and where a single point is looked at.
+            let sure = area.abs() > CLEAR * length * reach;
+            if sure { area.signum() } else { 0.0 }
+        };
+        let others = [high, DVec2::new(low.x, high.y), DVec2::new(high.x, low.y)];
+        side(low) != 0.0 && others.into_iter().all(|corner| side(corner) == side(low))
     }
 }
 
@@ -105,8 +126,14 @@ impl Slabs {
     /// The edges that may be crossed at a place, in the polygon's order.
     #[inline]
     fn at(&self, along: f64) -> &[Edge] {
-        let slab = self.slab_of(along);
-        &self.edges[self.starts[slab] as usize..self.starts[slab + 1] as usize]
+        self.between(along, along)
+    }
+
+    /// The edges that may be crossed from one place to a later one.
+    #[inline]
+    fn between(&self, from: f64, to: f64) -> &[Edge] {
+        let (first, last) = (self.slab_of(from), self.slab_of(to));
+        &self.edges[self.starts[first] as usize..self.starts[last + 1] as usize]
     }
 }
 
@@ -159,6 +186,25 @@ impl Prism {
         let (pu, pv) = (point[self.u], point[self.v]);
         let crossed_left = |inside, edge: &Edge| inside ^ edge.is_crossed_left_of(pu, pv);
         self.slabs.at(pv).iter().fold(false, crossed_left)
+    }
+
+    /// Whether all points of a box, its surface included, are inside, or none is; `None` where that is
+    /// not clear without a look at the points.
+    pub fn holds(&self, (min, max): (DVec3, DVec3)) -> Option<bool> {
+        if !(min.is_finite() && max.is_finite()) {
+            return None;
+        }
+        if max[self.axis] < self.min || self.max < min[self.axis] {
+            return Some(false);
+        }
+        if min[self.axis] < self.min || self.max < max[self.axis] {
+            return None;
+        }
+        let flat = |corner: DVec3| DVec2::new(corner[self.u], corner[self.v]);
+        let (low, high) = (flat(min), flat(max));
+        let clear = |edge: &Edge| edge.keeps_out_of((low, high));
+        let edges = self.slabs.between(low.y, high.y);
+        edges.iter().all(clear).then(|| self.contains(min))
     }
 
     /// The indices of the points inside, ascending.
@@ -253,6 +299,49 @@ mod tests {
             }
             assert!(inside > 0 || polygon == flat);
         }
+    }
+
+    /// Boxes of all sizes in, out of and across polygons: what is said of a box holds for points on a
+    /// fine grid in it, its corners included.
+    #[test]
+    fn a_box_is_inside_with_all_its_points() {
+        let star = |k: u32| {
+            let angle = f64::from(k) * 0.371;
+            (3.0 + 2.0 * f64::from(k * 7 % 5)) * DVec2::from_angle(angle)
+        };
+        let star: Vec<DVec2> = (0..17).map(star).collect();
+        let far = [(0.0, -1e308), (1e308, 1e308), (-1e308, 1e308)].map(DVec2::from);
+        let square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(DVec2::from);
+        for polygon in [&star[..], &notched(), &far, &square] {
+            let prism = Prism::new(1, (-1.0, 1.0), polygon).unwrap();
+            let mut answers = [0; 3];
+            let mut random = crate::align::tests::scattered(60, 4000).into_iter();
+            while let (Some(at), Some(by)) = (random.next(), random.next()) {
+                let min = at * DVec3::new(9.0, 1.1, 9.0);
+                let max = min + by.abs() * by.x.abs().powi(3) * DVec3::new(6.0, 0.5, 6.0);
+                let steps =
+                    |k: usize| [0.0, 0.25, 0.5, 0.75, 1.0].map(|t| min[k] + t * (max[k] - min[k]));
+                let answer = prism.holds((min, max));
+                answers[answer.map_or(2, usize::from)] += 1;
+                for x in steps(0) {
+                    for y in steps(1) {
+                        for z in steps(2) {
+                            let inside = prism.contains(DVec3::new(x, y, z));
+                            assert!(answer.is_none_or(|answer| answer == inside));
+                        }
+                    }
+                }
+            }
+            assert!(answers[0] > 20 && answers[2] > 20, "{answers:?}");
+            assert!(answers[1] > 2 || polygon == far, "{answers:?}");
+        }
+        let prism = Prism::new(2, (-1.0, 1.0), &square).unwrap();
+        let holds = |min: [f64; 3], max: [f64; 3]| prism.holds((min.into(), max.into()));
+        assert_eq!(holds([0.1, 0.1, -1.0], [0.9, 0.9, 1.0]), Some(true));
+        assert_eq!(holds([0.1, 0.1, -1.0], [0.9, 0.9, 1.5]), None);
+        assert_eq!(holds([0.0, 0.1, 0.0], [0.9, 0.9, 0.0]), None);
+        assert_eq!(holds([0.1, 0.1, 0.0], [0.9, f64::INFINITY, 0.0]), None);
+        assert_eq!(holds([0.1, 0.1, 1.1], [0.9, 0.9, 1.5]), Some(false));
     }
 
     #[test]

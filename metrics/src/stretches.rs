@@ -1,5 +1,7 @@
 //! Ascending indices with few gaps.
 
+use std::ops::Range;
+
 /// One stretch of indices without a gap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stretch {
@@ -34,22 +36,26 @@ impl Stretches {
         self.count == 0
     }
 
-    /// The indices from the n-th on.
-    pub fn from(&self, nth: usize) -> impl Iterator<Item = u32> + '_ {
+    /// The indices from the n-th on, at most so many: stretch by stretch.
+    pub fn stretches(&self, nth: usize, most: usize) -> impl Iterator<Item = Range<u32>> + '_ {
         let at = self
             .stretches
             .partition_point(|stretch| stretch.before as usize <= nth);
-        let skipped = self.stretches[..at]
-            .last()
-            .map_or(0, |stretch| nth as u32 - stretch.before);
         let ends = self.stretches[at..].iter().map(|stretch| stretch.before);
         let ends = ends.chain([self.count]);
         let own = &self.stretches[at.saturating_sub(1)..];
-        let mut skipped = Some(skipped);
-        own.iter().zip(ends).flat_map(move |(stretch, end)| {
-            let last = stretch.first + (end - stretch.before);
-            (stretch.first + skipped.take().unwrap_or(0)).min(last)..last
+        let (nth, last) = (nth as u64, nth as u64 + most as u64);
+        own.iter().zip(ends).map_while(move |(stretch, end)| {
+            let before = u64::from(stretch.before);
+            let (from, to) = (nth.max(before), last.min(u64::from(end)));
+            let index = |of: u64| stretch.first + (of - before) as u32;
+            (from < to).then(|| index(from)..index(to))
         })
+    }
+
+    /// The indices from the n-th on.
+    pub fn from(&self, nth: usize) -> impl Iterator<Item = u32> + '_ {
+        self.stretches(nth, self.len()).flatten()
     }
 
     /// All indices.
@@ -63,9 +69,9 @@ impl Stretches {
         self.push_all(index, 1);
     }
 
-    /// Adds indices that are above all before.
+    /// Adds so many indices from one on that are above all before.
     #[inline]
-    fn push_all(&mut self, first: u32, count: u32) {
+    pub fn push_all(&mut self, first: u32, count: u32) {
         let end = self
             .stretches
             .last()

@@ -46,11 +46,12 @@ pub(super) fn reuse_large_buffers() {
 
 /// Has freed buffers stay with the program: one view after the other wants the same ones, and pages that
 /// are given back are filled with zeros anew, a tenth of the time of a generated image. The threads share
-/// one pool: of a thread's own, glibc gives what is large and free back to the system whatever it is told,
-/// half of all page faults and a fifth of the peak. Few allocations are large or often enough to meet there.
+/// one pool: of a thread's own, glibc gives what is large and free back to the system whatever it is told.
+/// Few allocations are large or often enough to meet there.
 pub(super) fn keep_buffers() {
     set(ARENAS, 1);
-    set(MMAP_THRESHOLD, 1 << 30);
+    // The most that glibc takes; it ignores what is above.
+    set(MMAP_THRESHOLD, 1 << 25);
     set(TRIM_THRESHOLD, i32::MAX);
 }
 

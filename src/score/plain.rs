@@ -24,7 +24,7 @@ impl Preparation {
         let kept = Moved::new(points, target_from_source, self.crop.as_ref())?;
         let judged = match self.voxel {
             Some(size) => {
-                let found = BlockIndex::gathered(|take| kept.voxels(size, take))?;
+                let found = BlockIndex::gathered(kept.len(), |take| kept.voxels(size, take))?;
                 found.map_or(Judged::Listed(Vec::new()), Judged::Indexed)
             }
             None => Judged::Listed(kept.in_given_order()),

@@ -2,22 +2,34 @@
 
 use crate::error::{Error, Result};
 use crate::parallel;
-use glam::{DMat4, DVec3, Vec3};
+use glam::{DMat3, DMat4, DVec3, Vec3};
 use mvs_datasets::scene::{CropVolume, PointCloud};
 use mvs_metrics::Stretches;
 use mvs_metrics::align::transform;
 use mvs_metrics::crop::Prism;
 use mvs_metrics::distance::{self, Take};
-use mvs_metrics::downsample::{self, Members};
+use mvs_metrics::downsample::{self, Members, Point};
+use std::ops::Range;
 
 /// Points handled by one task.
 const BLOCK: usize = 1 << 15;
+/// Neighbours with a box around them.
+const BOX: usize = 128;
+/// Covers the rounding of a moved box and of the points in it, relative to their coordinates.
+const ROUNDING: f64 = 1e-12;
+
+/// The lower and the upper corner of a box.
+type Corners = (DVec3, DVec3);
+/// The box of nothing.
+const NOWHERE: Corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 /// Finite positions, and how many others there were. They lie in spatial order, so that whatever
 /// follows finds neighbours close in memory; their order as given is kept beside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FinitePoints {
     positions: Positions,
+    /// The boxes around each [`BOX`] neighbours.
+    boxes: Vec<Corners>,
     /// Per point, its place among the finite points as given.
     ranks: Vec<u32>,
     non_finite: usize,
@@ -44,11 +56,17 @@ impl FinitePoints {
         } else {
             Positions::Double(ordered.collect())
         };
-        Self {
+        let mut points = Self {
             positions,
+            boxes: Vec::new(),
             ranks,
             non_finite,
-        }
+        };
+        points.boxes = parallel::map(points.len().div_ceil(BOX), |nth| {
+            let indices = nth * BOX..points.len().min((nth + 1) * BOX);
+            indices.fold(NOWHERE, |corners, index| around(corners, points.at(index)))
+        });
+        points
     }
 
     /// The finite positions of a cloud; its other columns are dropped.
@@ -124,11 +142,17 @@ pub struct Moved<'a> {
     motion: Option<DMat4>,
     kept: Stretches,
     /// The box around them, if all are finite.
-    corners: Option<(DVec3, DVec3)>,
+    corners: Option<Corners>,
 }
 
-/// The box of nothing.
-const NOWHERE: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+/// What is kept of a block.
+struct Part {
+    kept: Stretches,
+    /// Boxes kept as a whole: their numbers, and where all of their points are once moved.
+    whole: Vec<(usize, Corners)>,
+    /// The box around the other points, if all are finite.
+    corners: Option<Corners>,
+}
 
 impl<'a> Moved<'a> {
     /// The points moved by `target_from_source` that lie inside `crop` (all, without one). An error
@@ -138,37 +162,131 @@ impl<'a> Moved<'a> {
         target_from_source: Option<DMat4>,
         crop: Option<&Prism>,
     ) -> Result<Self> {
-        let count = u32::try_from(points.len()).map_err(|_| {
+        u32::try_from(points.len()).map_err(|_| {
             let problem = format!("expected at most 4294967295 points, found {}", points.len());
             Error::invalid("cloud", problem)
         })?;
-        let motion = target_from_source;
-        let blocks = parallel::map(points.len().div_ceil(BLOCK), |block| {
-            let first = (block * BLOCK) as u32;
-            let last = first.saturating_add(BLOCK as u32).min(count);
-            let (mut kept, mut corners, mut finite) = (Stretches::default(), NOWHERE, true);
-            for index in first..last {
-                let point = moved(points.at(index as usize), motion);
-                if crop.is_none_or(|crop| crop.contains(point)) {
-                    kept.push(index);
-                    finite &= point.is_finite();
-                    corners = (corners.0.min(point), corners.1.max(point));
+        let mut moved = Self {
+            points,
+            motion: target_from_source,
+            kept: Stretches::default(),
+            corners: None,
+        };
+        let blocks = points.len().div_ceil(BLOCK);
+        let parts = parallel::map(blocks, |block| moved.part(block, crop));
+        parts.iter().for_each(|part| moved.kept.append(&part.kept));
+        moved.corners = moved.corners_of(&parts);
+        Ok(moved)
+    }
+
+    /// What a crop keeps of a block.
+    fn part(&self, block: usize, crop: Option<&Prism>) -> Part {
+        let (mut kept, mut corners, mut finite) = (Stretches::default(), NOWHERE, true);
+        let mut whole = Vec::new();
+        let boxes = BLOCK / BOX;
+        for nth in block * boxes..self.points.boxes.len().min((block + 1) * boxes) {
+            let indices = self.box_indices(nth);
+            let moved = self.moved_box(nth);
+            let holds = match crop {
+                Some(crop) => crop.holds(moved),
+                None => (moved.0.is_finite() && moved.1.is_finite()).then_some(true),
+            };
+            match holds {
+                Some(true) => {
+                    kept.push_all(indices.start as u32, indices.len() as u32);
+                    whole.push((nth, moved));
+                }
+                Some(false) => {}
+                None => {
+                    for index in indices {
+                        let point = self.at(index);
+                        if crop.is_none_or(|crop| crop.contains(point)) {
+                            kept.push(index as u32);
+                            finite &= point.is_finite();
+                            corners = around(corners, point);
+                        }
+                    }
                 }
             }
-            (kept, finite.then_some(corners))
-        });
-        let (mut kept, mut corners) = (Stretches::default(), Some(NOWHERE));
-        for (some, around) in &blocks {
-            kept.append(some);
-            let both = corners.zip(*around);
-            corners = both.map(|(a, b)| (a.0.min(b.0), a.1.max(b.1)));
         }
-        Ok(Self {
-            points,
-            motion,
+        Part {
             kept,
-            corners,
-        })
+            whole,
+            corners: finite.then_some(corners),
+        }
+    }
+
+    fn box_indices(&self, nth: usize) -> Range<usize> {
+        nth * BOX..self.points.len().min((nth + 1) * BOX)
+    }
+
+    /// A box that all points of one are in once they are moved.
+    fn moved_box(&self, nth: usize) -> Corners {
+        let (min, max) = self.points.boxes[nth];
+        let Some(motion) = self.motion else {
+            return (min, max);
+        };
+        let (centre, half) = (0.5 * min + 0.5 * max, 0.5 * max - 0.5 * min);
+        let sizes = DMat3::from_mat4(motion).abs();
+        let middle = transform(motion, centre);
+        let rounding = ROUNDING * (sizes * (centre.abs() + half) + motion.w_axis.truncate().abs());
+        let half = sizes * half + rounding;
+        (middle - half, middle + half)
+    }
+
+    /// The box around all that is kept, if all is finite. Of the boxes kept as a whole only those are
+    /// looked into that may reach farther than what is known.
+    fn corners_of(&self, parts: &[Part]) -> Option<Corners> {
+        let mut corners = NOWHERE;
+        for part in parts {
+            let (min, max) = part.corners?;
+            corners = (corners.0.min(min), corners.1.max(max));
+        }
+        let whole = || parts.iter().flat_map(|part| &part.whole);
+        let mut look_into = |&(nth, (min, max)): &(usize, Corners)| {
+            if min.cmplt(corners.0).any() || max.cmpgt(corners.1).any() {
+                let points = self.box_indices(nth).map(|index| self.at(index));
+                corners = points.fold(corners, around);
+            }
+        };
+        for axis in 0..3 {
+            whole()
+                .min_by(|a, b| a.1.0[axis].total_cmp(&b.1.0[axis]))
+                .map(&mut look_into);
+            whole()
+                .max_by(|a, b| a.1.1[axis].total_cmp(&b.1.1[axis]))
+                .map(&mut look_into);
+        }
+        whole().for_each(look_into);
+        Some(corners)
+    }
+
+    /// The moved point of an index.
+    #[inline]
+    fn at(&self, index: usize) -> DVec3 {
+        moved(self.points.at(index), self.motion)
+    }
+
+    /// Writes the moved points from an index on into as much room as there is.
+    fn write(&self, first: usize, room: &mut [Point]) {
+        let end = first + room.len();
+        match (&self.points.positions, self.motion) {
+            (Positions::Single(positions), Some(motion)) => {
+                for (place, position) in room.iter_mut().zip(&positions[first..end]) {
+                    *place = transform(motion, position.as_dvec3()).to_array();
+                }
+            }
+            (Positions::Single(positions), None) => {
+                for (place, position) in room.iter_mut().zip(&positions[first..end]) {
+                    *place = position.as_dvec3().to_array();
+                }
+            }
+            (Positions::Double(positions), motion) => {
+                for (place, &position) in room.iter_mut().zip(&positions[first..end]) {
+                    *place = moved(position, motion).to_array();
+                }
+            }
+        }
     }
 
     /// Only the points at 0, k, 2k, … of the order given.
@@ -207,8 +325,7 @@ impl<'a> Moved<'a> {
 
     /// The moved points in the order given.
     pub fn in_given_order(&self) -> Vec<DVec3> {
-        let at = |index: u32| moved(self.points.at(index as usize), self.motion);
-        self.given().map(at).collect()
+        self.given().map(|index| self.at(index as usize)).collect()
     }
 
     /// How many points.
@@ -229,26 +346,32 @@ impl<'a> Moved<'a> {
     /// Gives away the moved points, in spatial order.
     pub fn each(&self, take: &mut Take<'_>) -> mvs_metrics::Result<()> {
         let mut some = Vec::with_capacity(BLOCK);
-        for index in self.kept.iter() {
-            some.push(moved(self.points.at(index as usize), self.motion));
-            if some.len() == BLOCK {
-                take(&some)?;
-                some.clear();
+        for nth in (0..self.len()).step_by(BLOCK) {
+            for stretch in self.kept.stretches(nth, BLOCK) {
+                some.extend(stretch.map(|index| self.at(index as usize)));
             }
+            take(&some)?;
+            some.clear();
         }
-        take(&some)
+        Ok(())
     }
 
     /// Gives away the mean per voxel of an edge, accumulated in the order given; in spatial order.
     pub fn voxels(&self, size: f64, take: &mut Take<'_>) -> mvs_metrics::Result<()> {
         let members = Members {
             indices: &self.kept,
-            at: |index| moved(self.points.at(index), self.motion),
+            points: |first: usize, room: &mut [Point]| self.write(first, room),
             rank: |index| self.points.ranks[index],
             corners: self.corners,
         };
         downsample::voxel_each(&members, size, take)
     }
+}
+
+/// The box and a point that is not NaN.
+#[inline]
+fn around((min, max): Corners, point: DVec3) -> Corners {
+    (min.min(point), max.max(point))
 }
 
 #[inline]
@@ -299,6 +422,49 @@ mod tests {
         assert_eq!(kept.every_kth(7).in_given_order(), thinned);
         let all = Moved::new(&points, None, None).unwrap();
         assert_eq!(all.in_given_order(), points.positions());
+    }
+
+    /// Boxes inside, outside and across the border, turned and scaled, against a look at every point.
+    #[test]
+    fn a_turned_cloud_is_cropped_point_by_point() {
+        let hash =
+            |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as f64 / f64::from(1 << 23);
+        let points: Vec<DVec3> = (0..60_000u64)
+            .map(|i| {
+                let along = DVec3::new(hash(3 * i), hash(3 * i + 1), hash(3 * i + 2));
+                DVec3::new(5e5, 4e6, 100.0) + 10.0 * along
+            })
+            .collect();
+        let star =
+            |k: u32| (3.0 + 4.0 * f64::from(k * 3 % 5)) * DVec2::from_angle(f64::from(k) * 0.6);
+        let star: Vec<DVec2> = (0..10).map(star).collect();
+        let crop = Prism::new(0, (-8.0, 11.0), &star).unwrap();
+        let turn = DMat4::from_scale_rotation_translation(
+            DVec3::splat(2.0),
+            glam::DQuat::from_rotation_z(0.7) * glam::DQuat::from_rotation_x(-0.4),
+            DVec3::ZERO,
+        );
+        let middle = transform(turn, DVec3::new(500_010.0, 4_000_010.0, 110.0));
+        let motion = DMat4::from_translation(-middle) * turn;
+        let finite = FinitePoints::new(points.clone());
+        for motion in [Some(motion), None] {
+            let at = |&point: &DVec3| moved(point, motion);
+            let expected: Vec<DVec3> = points
+                .iter()
+                .map(at)
+                .filter(|&p| crop.contains(p))
+                .collect();
+            let kept = Moved::new(&finite, motion, Some(&crop)).unwrap();
+            assert_eq!(kept.in_given_order(), expected);
+            if motion.is_some() {
+                assert!(kept.len() > 1_000 && kept.len() < 50_000, "{}", kept.len());
+                let corners = expected.into_iter().fold(NOWHERE, around);
+                assert_eq!(kept.corners, Some(corners));
+            }
+            let all = Moved::new(&finite, motion, None).unwrap();
+            let corners = points.iter().map(at).fold(NOWHERE, around);
+            assert_eq!((all.len(), all.corners), (points.len(), Some(corners)));
+        }
     }
 
     #[test]

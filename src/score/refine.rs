@@ -82,7 +82,7 @@ pub fn refine<'a>(
     let kept = Moved::new(&truth, None, Some(crop))?;
     let thinned = |(edge, _): (f64, f64)| {
         let size = edge * tolerance.get();
-        BlockIndex::gathered(|take| kept.voxels(size, take))
+        BlockIndex::gathered(kept.len(), |take| kept.voxels(size, take))
     };
     if !run.voxel_stage(thinned(COARSE)?.as_ref(), COARSE)? {
         return Ok((run.stages, Truth::Given(truth)));
@@ -101,12 +101,12 @@ pub fn refine<'a>(
     };
     let last = kept.every_kth_of(uniform_step);
     if last.are_narrow() {
-        let target = BlockIndex::gathered_narrow(|take| last.each(take))?;
+        let target = BlockIndex::gathered_narrow(last.len(), |take| last.each(take))?;
         drop(last);
         drop(truth);
         run.last_stage(target.as_ref())?;
     } else {
-        let target = BlockIndex::gathered(|take| last.each(take))?;
+        let target = BlockIndex::gathered(last.len(), |take| last.each(take))?;
         drop(last);
         drop(truth);
         run.last_stage(target.as_ref())?;
@@ -133,7 +133,7 @@ impl Run<'_> {
     ) -> Result<bool> {
         let kept = self.kept()?;
         let size = edge * self.tolerance.get();
-        let source = Source::gathered(|take| kept.voxels(size, take))?;
+        let source = Source::gathered(kept.len(), |take| kept.voxels(size, take))?;
         let found_something = !source.is_empty() && target.is_some();
         self.align(source, target, reach);
         Ok(found_something)
@@ -141,7 +141,7 @@ impl Run<'_> {
 
     fn last_stage<C: Coordinate>(&mut self, target: Option<&BlockIndex<C>>) -> Result<()> {
         let kept = self.kept()?.every_kth_of(uniform_step);
-        let source = Source::gathered(|take| kept.each(take))?;
+        let source = Source::gathered(kept.len(), |take| kept.each(take))?;
         self.align(source, target, LAST);
         Ok(())
     }

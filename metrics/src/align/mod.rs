@@ -1,6 +1,7 @@
 //! Bringing a reconstruction into the frame of the truth: the crate's only user of nalgebra.
 
 pub mod icp;
+mod own;
 mod quick;
 mod reach;
 pub mod trajectory;

@@ -1,5 +1,6 @@
 //! The similarity between two camera trajectories, found by RANSAC.
 
+use super::own::{EIGHT, Own};
 use super::quick;
 use super::reach::Reach;
 use super::transform;
@@ -172,6 +173,7 @@ struct Judge<'a> {
     source: &'a [DVec3],
     target: &'a [DVec3],
     near: Reach,
+    own: Own,
     options: &'a TrajectoryOptions,
     /// A length that no two source centres are farther apart than.
     spread: f64,
@@ -192,6 +194,7 @@ impl<'a> Judge<'a> {
             source,
             target,
             near: Reach::new(target, options.max_distance * (1.0 + 2.0 * MOST_SLACK)),
+            own: Own::new(source, target),
             options,
             spread: (max - min).length(),
             farthest: [farthest(source), farthest(target)],
@@ -247,15 +250,21 @@ impl<'a> Judge<'a> {
             return true;
         };
         let (mut squares, beaten) = (0.0, best.squares * (1.0 + QUICK));
-        for (i, &centre) in self.source.iter().enumerate() {
-            let square = self.square(i, transform(motion, centre));
-            if square < bound {
-                // (d − slack)² and less.
-                squares += (square - 2.0 * slack * (most + slack)).max(0.0);
-            } else if may_miss == 0 {
-                return true;
-            } else {
-                may_miss -= 1;
+        for first in (0..self.source.len()).step_by(EIGHT) {
+            for (i, own) in (first..self.source.len()).zip(self.own.squares(first, motion)) {
+                let square = if own < self.own.near[i] {
+                    own
+                } else {
+                    self.square(i, transform(motion, self.source[i]))
+                };
+                if square < bound {
+                    // (d − slack)² and less.
+                    squares += (square - 2.0 * slack * (most + slack)).max(0.0);
+                } else if may_miss == 0 {
+                    return true;
+                } else {
+                    may_miss -= 1;
+                }
             }
             if may_miss == 0 && squares > beaten {
                 return true;

@@ -65,7 +65,7 @@ pub(super) fn around((min, max): Corners, point: DVec3) -> Corners {
 /// Sixteen neighbouring points as columns. A last, short block repeats its last point.
 #[derive(Debug, Clone)]
 #[repr(align(64))]
-pub(super) struct Block<C = f64> {
+pub(crate) struct Block<C = f64> {
     pub(super) x: [C; LANES],
     pub(super) y: [C; LANES],
     pub(super) z: [C; LANES],
@@ -178,10 +178,13 @@ impl BlockIndex {
         Ok(Self::over(Packed::new(points)))
     }
 
-    /// As [`BlockIndex::of`], for points in spatial order that `feed` brings in stretches of any
-    /// length: no list of all of them need exist. `None` without points.
-    pub fn gathered(feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Option<Self>> {
-        Self::gather(Keep::Order, feed)
+    /// As [`BlockIndex::of`], for points in spatial order, `most` or fewer, that `feed` brings in
+    /// stretches of any length: no list of all of them need exist. `None` without points.
+    pub fn gathered(
+        most: usize,
+        feed: impl FnOnce(&mut Take<'_>) -> Result<()>,
+    ) -> Result<Option<Self>> {
+        Self::gather(Packing::new(Keep::Order, most), feed)
     }
 
     /// The points in the order given, piece by piece.
@@ -277,14 +280,19 @@ impl BlockIndex {
 impl BlockIndex<f32> {
     /// As [`BlockIndex::gathered`], for coordinates that are f32 all. It does not know in which order
     /// the points came.
-    pub fn gathered_narrow(feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Option<Self>> {
-        Self::gather(Keep::Nothing, feed)
+    pub fn gathered_narrow(
+        most: usize,
+        feed: impl FnOnce(&mut Take<'_>) -> Result<()>,
+    ) -> Result<Option<Self>> {
+        Self::gather(Packing::new(Keep::Nothing, most), feed)
     }
 }
 
 impl<C: Coordinate> BlockIndex<C> {
-    fn gather(keep: Keep, feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Option<Self>> {
-        let mut packing = Packing::new(keep);
+    fn gather(
+        mut packing: Packing<Block<C>>,
+        feed: impl FnOnce(&mut Take<'_>) -> Result<()>,
+    ) -> Result<Option<Self>> {
         feed(&mut |points| packing.take(points))?;
         let (blocks, given, count) = packing.finish();
         let points = Packed {
@@ -460,7 +468,7 @@ mod tests {
             let order = super::super::spatial_order(&points);
             let points: Vec<DVec3> = order.iter().map(|&index| points[index as usize]).collect();
             let mut lengths = [1, 1023, 0, 70_000, 300_000, 5].into_iter().cycle();
-            let gathered = BlockIndex::gathered(|take| {
+            let gathered = BlockIndex::gathered(points.len(), |take| {
                 let mut rest = &points[..];
                 while !rest.is_empty() {
                     let (some, left) = rest.split_at(lengths.next().unwrap().min(rest.len()));
@@ -487,8 +495,8 @@ mod tests {
             assert_eq!(back.distances_from(&gathered), back.distances(&points));
             assert_eq!(back.distances_from(&listed), back.distances(&points));
         }
-        assert!(BlockIndex::gathered(|_| Ok(())).unwrap().is_none());
-        assert!(BlockIndex::gathered(|take| take(&[DVec3::NAN])).is_err());
+        assert!(BlockIndex::gathered(0, |_| Ok(())).unwrap().is_none());
+        assert!(BlockIndex::gathered(1, |take| take(&[DVec3::NAN])).is_err());
     }
 
     fn flattened(points: &[DVec3]) -> Vec<DVec3> {

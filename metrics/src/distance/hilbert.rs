@@ -1,17 +1,14 @@
 //! Order along a Hilbert curve: neighbours in the order are neighbours in space.
 
-use super::blocks::{LANES, NOWHERE, around};
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Bits per axis of one pass.
-pub(crate) const BITS: u32 = 8;
-/// The last position on the curve.
-pub(crate) const LAST: u32 = (1 << (3 * BITS)) - 1;
+const BITS: u32 = 10;
 /// Cells per axis of one pass.
 const CELLS: f64 = (1 << BITS) as f64;
 /// Points that neighbour each other on the curve and are split as a tree: 64 blocks.
-pub(super) const CHUNK: usize = 1024;
+pub(super) const CHUNK: usize = 4096;
 /// Points in one cell that need no order among themselves.
 const RUN: usize = 16;
 /// Points looked at to see where most of them are.
@@ -21,7 +18,7 @@ const KEYS: usize = 1 << 14;
 
 /// The indices of `count` finite points in Hilbert order; at most 2³² − 1 points.
 ///
-/// The cube around most of them is cut into 256³ cells; what lies outside counts to the nearest cell. A cell
+/// The cube around most of them is cut into 1024³ cells; what lies outside counts to the nearest cell. A cell
 /// that holds many points is cut again by the cube around its own, and so on: an outlier, however
 /// far, leaves the order of the others as fine. Points in the same place stay in input order.
 pub(super) fn order(count: usize, at: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<u32> {
@@ -29,43 +26,6 @@ pub(super) fn order(count: usize, at: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<
     let mut entries: Vec<u64> = (0..count as u64).collect();
     sort(at, &mut entries, &frame, &mut Vec::new());
     entries.into_iter().map(|entry| entry as u32).collect()
-}
-
-/// Halves at most [`CHUNK`] points across their longest extent, again and again, down to whole
-/// blocks: boxes of a tree are tighter than those of stretches of the curve. The points' indices in
-/// that order.
-pub(super) fn split(points: &[DVec3]) -> Vec<u16> {
-    let mut entries: Vec<u64> = (0..points.len() as u64).collect();
-    halve(points, &mut entries);
-    entries.into_iter().map(|entry| entry as u16).collect()
-}
-
-/// Orders entries, whose low halves are indices of points.
-fn halve(points: &[DVec3], entries: &mut [u64]) {
-    let blocks = entries.len().div_ceil(LANES);
-    if blocks < 2 {
-        return;
-    }
-    let at = |entry: u64| points[entry as u32 as usize];
-    let (min, max) = entries
-        .iter()
-        .fold(NOWHERE, |corners, &entry| around(corners, at(entry)));
-    let extent = max * 0.5 - min * 0.5;
-    if extent.max_element() == 0.0 {
-        return;
-    }
-    let axis = extent.max_position();
-    let (start, scale) = (min[axis] * 0.5, f64::from(u32::MAX) / extent[axis]);
-    for entry in entries.iter_mut() {
-        // The cast takes what is past the ends to them, and NaN to 0.
-        let along = ((at(*entry)[axis] * 0.5 - start) * scale) as u32;
-        *entry = u64::from(along) << 32 | *entry & u64::from(u32::MAX);
-    }
-    let middle = blocks.div_ceil(2).next_power_of_two().min(blocks - 1) * LANES;
-    entries.select_nth_unstable(middle);
-    let (lower, upper) = entries.split_at_mut(middle);
-    halve(points, lower);
-    halve(points, upper);
 }
 
 /// Sorts entries, whose low halves are indices of points, by the keys of their points.
@@ -81,7 +41,7 @@ fn sort(
             *entry = u64::from(frame.key(at(index as usize))) << 32 | index;
         }
     });
-    radix_sort(entries, spare);
+    radix_sort::<32, 10, 3>(entries, spare);
     for run in entries.chunk_by_mut(|a, b| a >> 32 == b >> 32) {
         if run.len() > RUN {
             let inner = run.iter().map(|&entry| at(entry as u32 as usize));
@@ -158,7 +118,7 @@ impl Frame {
             let along = p * self.cells_per_unit - min * self.cells_per_unit;
             (along as u32).min((1 << BITS) - 1)
         };
-        hilbert(
+        hilbert::<BITS>(
             cell(point.x, self.min.x),
             cell(point.y, self.min.y),
             cell(point.z, self.min.z),
@@ -166,39 +126,43 @@ impl Frame {
     }
 }
 
-/// Sorts entries by their keys of 24 bits, in their upper halves: least significant digits first, two
-/// digits of twelve bits, stable.
-pub(crate) fn radix_sort(entries: &mut [u64], spare: &mut Vec<u64>) {
-    const DIGIT: u32 = 3 * BITS / 2;
-    const DIGITS: usize = 1 << DIGIT;
-    if entries.len() < DIGITS {
-        // Entries of one key are in order of their lower halves in all uses.
+/// Sorts entries by their keys, which start at bit KEY and have DIGITS digits of BITS bits: least
+/// significant digits first, stable.
+pub(crate) fn radix_sort<const KEY: u32, const BITS: u32, const DIGITS: usize>(
+    entries: &mut [u64],
+    spare: &mut Vec<u64>,
+) {
+    let buckets = 1 << BITS;
+    if entries.len() < buckets {
+        // Entries of one key are in order of their lower bits in all uses.
         return entries.sort_unstable();
     }
-    spare.clear();
-    spare.resize(entries.len(), 0);
-    let low = |entry: u64| (entry >> 32) as usize % DIGITS;
-    let high = |entry: u64| (entry >> (32 + DIGIT)) as usize % DIGITS;
-    let mut counts = vec![[0u32; 2]; DIGITS];
+    let of = |entry: u64, digit: usize| (entry >> (KEY + BITS * digit as u32)) as usize % buckets;
+    let mut counts = vec![[0u32; DIGITS]; buckets];
     for &entry in entries.iter() {
-        counts[low(entry)][0] += 1;
-        counts[high(entry)][1] += 1;
+        for digit in 0..DIGITS {
+            counts[of(entry, digit)][digit] += 1;
+        }
     }
-    let mut starts = [0; 2];
+    let mut starts = [0; DIGITS];
     for counts in &mut counts {
         for (start, count) in starts.iter_mut().zip(counts) {
             *start += std::mem::replace(count, *start);
         }
     }
-    for &entry in entries.iter() {
-        let slot = &mut counts[low(entry)][0];
-        spare[*slot as usize] = entry;
-        *slot += 1;
+    spare.clear();
+    spare.resize(entries.len(), 0);
+    let (mut from, mut to) = (&mut *entries, &mut spare[..]);
+    for digit in 0..DIGITS {
+        for &entry in from.iter() {
+            let place = &mut counts[of(entry, digit)][digit];
+            to[*place as usize] = entry;
+            *place += 1;
+        }
+        std::mem::swap(&mut from, &mut to);
     }
-    for &entry in spare.iter() {
-        let slot = &mut counts[high(entry)][1];
-        entries[*slot as usize] = entry;
-        *slot += 1;
+    if DIGITS % 2 == 1 {
+        to.copy_from_slice(from);
     }
 }
 
@@ -207,9 +171,10 @@ pub(crate) fn radix_sort(entries: &mut [u64], spare: &mut Vec<u64>) {
 /// which it leaves (two bits).
 static STEPS: [[u16; 64]; 32] = two_levels();
 
-/// The position of a cell along the curve (Hamilton and Rau-Chaplin, Compact Hilbert indices, 2007).
+/// The position of a cell along the curve through 2^BITS cells along each axis, an even power (Hamilton
+/// and Rau-Chaplin, Compact Hilbert indices, 2007).
 #[inline]
-pub(crate) fn hilbert(x: u32, y: u32, z: u32) -> u32 {
+pub(crate) fn hilbert<const BITS: u32>(x: u32, y: u32, z: u32) -> u32 {
     let (mut state, mut key) = (0usize, 0u32);
     for level in (0..BITS / 2).rev() {
         let shift = 2 * level;
@@ -304,7 +269,7 @@ mod tests {
         for x in 0..64 {
             for y in 0..64 {
                 for z in 0..64 {
-                    let key = hilbert(x, y, z) as usize;
+                    let key = hilbert::<8>(x, y, z) as usize;
                     assert_eq!(cells[key].replace([x, y, z]), None);
                 }
             }

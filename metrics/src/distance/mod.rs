@@ -3,16 +3,19 @@
 //! [`BlockIndex`] is the fast way for many queries at once; [`NearestIndex`] is kiddo's tree, for
 //! single queries and as the oracle that the fast way is held to, bit by bit.
 
+mod asked;
 mod blocks;
+mod frame;
 pub(crate) mod hilbert;
 mod oracle;
 mod packing;
 mod pairs;
 mod partners;
 mod search;
+mod split;
 mod sums;
 mod together;
-mod wide;
+pub(crate) mod wide;
 
 pub use blocks::BlockIndex;
 pub use oracle::NearestIndex;

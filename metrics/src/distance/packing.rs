@@ -6,13 +6,14 @@
 
 use super::blocks::{Block, LANES};
 use super::hilbert::{self, CHUNK};
+use super::split::split;
 use super::{Listed, Order};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Points of a feed that are laid into blocks at a time, per thread.
-const BATCH: usize = 32 * CHUNK;
+const BATCH: usize = 4 * CHUNK;
 
 /// Room for sixteen points.
 pub(super) trait Place: Clone + Send {
@@ -178,7 +179,7 @@ where
 /// Lays one chunk into its places: neighbours into one place, and the last point again into what is
 /// left of the last. Per lane the index of its point.
 fn lay<P: Place>(points: &[DVec3], places: &mut [P]) -> Vec<u16> {
-    let order = hilbert::split(points);
+    let order = split(points);
     for (place, order) in places.iter_mut().zip(order.chunks(LANES)) {
         for lane in 0..LANES {
             let index = order[lane.min(order.len() - 1)];
@@ -199,6 +200,8 @@ pub(super) enum Keep {
 /// all of them need exist.
 pub(super) struct Packing<P> {
     keep: Keep,
+    /// Points that will come at most, as far as is known.
+    most: usize,
     places: Vec<P>,
     order: Vec<u16>,
     /// What came since the last whole chunks were laid.
@@ -207,9 +210,10 @@ pub(super) struct Packing<P> {
 }
 
 impl<P: Place> Packing<P> {
-    pub(super) fn new(keep: Keep) -> Self {
+    pub(super) fn new(keep: Keep, most: usize) -> Self {
         Self {
             keep,
+            most,
             places: Vec::new(),
             order: Vec::new(),
             waiting: Vec::new(),
@@ -236,7 +240,11 @@ impl<P: Place> Packing<P> {
     /// Lays the first ones that wait.
     fn lay(&mut self, count: usize) {
         let first = self.places.len();
-        reserve(&mut self.places, count.div_ceil(LANES));
+        reserve(
+            &mut self.places,
+            count.div_ceil(LANES),
+            self.most.div_ceil(LANES),
+        );
         self.places.resize(first + count.div_ceil(LANES), P::EMPTY);
         let places = self.places[first..].par_chunks_mut(CHUNK / LANES);
         let order: Vec<Vec<u16>> = self.waiting[..count]
@@ -245,7 +253,7 @@ impl<P: Place> Packing<P> {
             .map(|(points, places)| lay(points, places))
             .collect();
         if self.keep == Keep::Order {
-            reserve(&mut self.order, count);
+            reserve(&mut self.order, count, self.most);
             order.iter().for_each(|order| self.order.extend(order));
         }
         self.waiting.drain(..count);
@@ -264,9 +272,13 @@ impl<P: Place> Packing<P> {
     }
 }
 
-/// Makes room for more by eighths: twice as much, as lists grow by themselves, is too much of it.
-fn reserve<T>(list: &mut Vec<T>, more: usize) {
+/// Makes room for all at once, which costs no memory before it is written to; or where there are more
+/// than said by eighths: twice as much, as lists grow by themselves, is too much of it.
+fn reserve<T>(list: &mut Vec<T>, more: usize, most: usize) {
     if list.capacity() - list.len() < more {
-        list.reserve_exact(more.max(list.len() / 8));
+        list.reserve_exact(
+            more.max(list.len() / 8)
+                .max(most.saturating_sub(list.len())),
+        );
     }
 }

@@ -12,7 +12,7 @@
 use super::blocks::{Block, BlockIndex, Corners, LANES, NOWHERE, around};
 use super::packing::{Coordinate, Keep, Packing, Place, pack};
 use super::partners::{Closest, NONE, Nearest};
-use super::search::{Found, joined, smaller, square_of, squares};
+use super::search::{Found, smaller, square_of};
 use super::sums::{LaneSums, PairSums, squared_distance_at};
 use super::together::{Neighbourhood, TOGETHER};
 use super::wide::{self, Registers, Width};
@@ -82,10 +82,10 @@ impl Source {
         Self { groups, count, sum }
     }
 
-    /// Points in spatial order that `feed` brings, in stretches of any length: no list of
-    /// all of them need exist. An error where a point is not finite.
-    pub fn gathered(feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Self> {
-        let mut packing = Packing::new(Keep::Nothing);
+    /// Points in spatial order, `most` or fewer, that `feed` brings in stretches of any length: no list
+    /// of all of them need exist. An error where a point is not finite.
+    pub fn gathered(most: usize, feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Self> {
+        let mut packing = Packing::new(Keep::Nothing, most);
         let mut sum = DVec3::ZERO;
         feed(&mut |points| {
             sum = points.iter().fold(sum, |sum, &point| sum + point);
@@ -270,21 +270,8 @@ fn coarse<C: Coordinate>(
     search(width, index, (groups, &corners), &mut found, near);
     for (group, found) in groups.iter_mut().zip(&found) {
         for lane in 0..LANES {
-            if found.block[lane] != NONE {
-                let number = found.block[lane];
-                let mut room = Block::EMPTY;
-                let block = C::widened(index.block(number as usize), &mut room);
-                let squares = squares(block, group.at.point(lane));
-                let mut bits = [0u64; LANES];
-                for k in 0..LANES {
-                    bits[k] = if squares[k] <= found.best[lane] {
-                        1 << k
-                    } else {
-                        0
-                    };
-                }
-                let k = joined(&bits).trailing_zeros();
-                group.partner[lane] = number * LANES as u32 + k;
+            if found.partner[lane] != NONE {
+                group.partner[lane] = found.partner[lane];
             }
         }
     }
@@ -440,9 +427,11 @@ mod tests {
         let target = spatial(narrow.collect());
         let source = spatial(sheet(73, 3_001));
         let wide = BlockIndex::of(&listed(&target, Order::Spatial)).unwrap();
-        let narrow = BlockIndex::gathered_narrow(|take| target.chunks(999).try_for_each(take));
+        let narrow = BlockIndex::gathered_narrow(0, |take| target.chunks(999).try_for_each(take));
         let narrow = narrow.unwrap().unwrap();
-        let gathered = || Source::gathered(|take| source.chunks(777).try_for_each(take)).unwrap();
+        let gathered = || {
+            Source::gathered(source.len(), |take| source.chunks(777).try_for_each(take)).unwrap()
+        };
         let listed = || Source::of(&listed(&source, Order::Spatial));
         for registers in [Registers::Baseline, Registers::Avx2, Registers::Avx512] {
             if registers.are_there() {

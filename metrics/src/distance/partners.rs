@@ -12,18 +12,18 @@ use glam::DVec3;
 /// No partner.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Per lane the squared distance of the nearest target found or the bound that it came with, and the
-/// number of its block, or [`NONE`].
+/// Per lane the squared distance of the nearest target found or the bound that it came with, and its
+/// place in the index's blocks, or [`NONE`].
 #[derive(Clone, Copy)]
 pub(super) struct Closest {
     pub(super) best: [f64; LANES],
-    pub(super) block: [u32; LANES],
+    pub(super) partner: [u32; LANES],
 }
 
 impl Closest {
     pub(super) const NOTHING: Self = Self {
         best: [0.0; LANES],
-        block: [NONE; LANES],
+        partner: [NONE; LANES],
     };
 }
 
@@ -36,13 +36,11 @@ impl Found for Closest {
     #[inline(always)]
     fn meet(&mut self, width: impl Width, number: usize, block: &Block, lane: usize, query: DVec3) {
         let least = width.least(block, query, self.best[lane]);
-        let nearer = least < self.best[lane];
-        self.block[lane] = if nearer {
-            number as u32
-        } else {
-            self.block[lane]
-        };
-        self.best[lane] = least;
+        if least < self.best[lane] {
+            let first = width.first_within(block, query, least);
+            self.partner[lane] = number as u32 * LANES as u32 + first;
+            self.best[lane] = least;
+        }
     }
 }
 

@@ -8,9 +8,11 @@
     reason = "one index runs over several columns"
 )]
 
-use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES, NOWHERE, around};
+use super::asked::{Asked, Group, around_lanes, halves, split};
+use super::blocks::{Block, BlockIndex, Corners, FANOUT, LANES};
+use super::frame::{FARTHEST, Frame, wider};
 use super::packing::{Coordinate, Place as _};
-use super::search::{Found, STACK, farthest, gaps_of, joined, larger, smaller, square_of, walk};
+use super::search::{Found, STACK, farthest, gaps_of, larger, smaller, walk};
 use super::wide::Width;
 
 /// Groups searched together.
@@ -18,19 +20,15 @@ pub(super) const TOGETHER: usize = 8;
 /// Blocks that the groups may have near them; where there are more, each group walks alone.
 const MOST: usize = 192;
 /// Blocks that one group may have near it.
-const MOST_OF_GROUP: usize = 32;
+const MOST_OF_GROUP: usize = NUMBER as usize + 1;
+/// How often a group is parted, twice over, before it walks alone.
+const PARTS: usize = 8;
+/// The bits of the number of such a block.
+const NUMBER: u32 = 31;
 /// How much farther than its neighbours found theirs a query is expected to look, squared.
 const AHEAD: f64 = 2.0;
 /// The share of queries that may find nothing within the guess before it is widened for them.
 const STRAY: usize = 8;
-/// A bit for each query of a group.
-const ALL: u32 = (1 << LANES) - 1;
-/// No block.
-const NONE: u64 = u64::MAX;
-
-/// Sixteen queries, and the box around those that ask.
-pub(super) type Group<'a> = (&'a Block, Corners);
-
 /// What one search leaves for the next, nearby one: hints only.
 pub(super) struct Neighbourhood {
     /// How far the next queries will have to look, squared.
@@ -38,6 +36,17 @@ pub(super) struct Neighbourhood {
     /// A block near them.
     hint: usize,
     blocks: Boxes,
+    near: Near,
+}
+
+/// The blocks near one group.
+struct Near {
+    /// Their places among all.
+    places: [u32; MOST_OF_GROUP + LANES],
+    /// Their squared gaps from each query in the frame.
+    gaps: [[f32; LANES]; MOST_OF_GROUP],
+    /// A bit for each query that has met the block.
+    met: [u32; MOST_OF_GROUP],
 }
 
 /// Blocks as columns: their boxes and numbers.
@@ -46,6 +55,10 @@ struct Boxes {
     numbers: [u32; MOST],
     min: [[f64; MOST]; 3],
     max: [[f64; MOST]; 3],
+    frame: Frame,
+    /// The boxes in the frame.
+    low: [[f32; MOST]; 3],
+    high: [[f32; MOST]; 3],
 }
 
 impl Neighbourhood {
@@ -58,6 +71,14 @@ impl Neighbourhood {
                 numbers: [0; MOST],
                 min: [[0.0; MOST]; 3],
                 max: [[0.0; MOST]; 3],
+                frame: Frame::NOWHERE,
+                low: [[0.0; MOST]; 3],
+                high: [[0.0; MOST]; 3],
+            },
+            near: Near {
+                places: [0; MOST_OF_GROUP + LANES],
+                gaps: [[0.0; LANES]; MOST_OF_GROUP],
+                met: [0; MOST_OF_GROUP],
             },
         }
     }
@@ -89,8 +110,9 @@ impl Neighbourhood {
                 break;
             }
             for (group, found) in groups.iter().zip(&mut *found) {
+                let near = &mut self.near;
                 self.blocks
-                    .show(width, index, group, (within, reach), found);
+                    .show(width, index, group, (within, reach), (found, near));
             }
             within = reach;
         }
@@ -134,55 +156,6 @@ impl Neighbourhood {
     }
 }
 
-/// The queries whose bounds are above some square.
-struct Asked {
-    count: usize,
-    corners: Corners,
-    farthest: f64,
-}
-
-impl Asked {
-    #[inline(always)]
-    fn of<F: Found>(groups: &[Group<'_>], found: &[F], within: f64) -> Self {
-        let mut asked = Self {
-            count: 0,
-            corners: NOWHERE,
-            farthest: 0.0,
-        };
-        for (&(queries, corners), found) in groups.iter().zip(found) {
-            let mut open = split(found.bounds(), within).1;
-            if open == 0 {
-                continue;
-            }
-            asked.count += open.count_ones() as usize;
-            asked.farthest = larger(farthest(found.bounds()), asked.farthest);
-            if open == ALL {
-                asked.corners.0 = asked.corners.0.min(corners.0);
-                asked.corners.1 = asked.corners.1.max(corners.1);
-                continue;
-            }
-            while open != 0 {
-                let lane = open.trailing_zeros() as usize % LANES;
-                asked.corners = around(asked.corners, queries.point(lane));
-                open &= open - 1;
-            }
-        }
-        asked
-    }
-}
-
-/// The farthest bound that is at most `within`, and a bit for each that is above.
-#[inline(always)]
-fn split(bounds: &[f64; LANES], within: f64) -> (f64, u32) {
-    let (mut settled, mut bits) = ([0.0; LANES], [0u64; LANES]);
-    for lane in 0..LANES {
-        let above = bounds[lane] > within;
-        settled[lane] = if above { 0.0 } else { bounds[lane] };
-        bits[lane] = if above { 1 << lane } else { 0 };
-    }
-    (farthest(&settled), joined(&bits))
-}
-
 impl Boxes {
     /// Gathers the blocks whose boxes are nearer to a box than `reach`, squared; false where they are
     /// too many.
@@ -222,13 +195,19 @@ impl Boxes {
                 open &= open - 1;
             }
         }
-        // What is left of the last eight is near nothing.
-        let end = self.count.next_multiple_of(FANOUT);
-        for k in self.count..end {
-            for axis in 0..3 {
-                self.min[axis][k] = f64::INFINITY;
-                self.max[axis][k] = f64::NEG_INFINITY;
-            }
+        let Some(frame) = Frame::around(corners, reach) else {
+            return false;
+        };
+        self.frame = frame;
+        for axis in 0..3 {
+            frame.lower(axis, &self.min[axis][..self.count], &mut self.low[axis]);
+            frame.upper(axis, &self.max[axis][..self.count], &mut self.high[axis]);
+        }
+        // What is left of the last sixteen is near nothing.
+        let end = self.count.next_multiple_of(LANES);
+        for axis in 0..3 {
+            self.low[axis][self.count..end].fill(FARTHEST);
+            self.high[axis][self.count..end].fill(-FARTHEST);
         }
         true
     }
@@ -242,16 +221,96 @@ impl Boxes {
         index: &BlockIndex<C>,
         (queries, corners): &Group<'_>,
         (within, reach): (f64, f64),
-        found: &mut F,
+        (found, near): (&mut F, &mut Near),
     ) {
-        if split(found.bounds(), within).1 == 0 {
-            return;
+        let asks = split(found.bounds(), within).1;
+        // A group may lie in a few places: each is asked for by itself.
+        let mut parts = [(asks, *corners); PARTS];
+        let mut waiting = usize::from(asks != 0);
+        let mut left = PARTS;
+        while waiting > 0 {
+            waiting -= 1;
+            let (asks, corners) = parts[waiting];
+            let reach = smaller(farthest(found.bounds()), reach);
+            let count = self.near(width, corners, reach, &mut near.places);
+            if count <= MOST_OF_GROUP {
+                self.show_near(width, index, (queries, asks), (count, reach), (found, near));
+            } else if let Some(halves) = halves(queries, asks).filter(|_| left >= 2) {
+                left -= 2;
+                [parts[waiting], parts[waiting + 1]] = halves;
+                waiting += 2;
+            } else {
+                let asked = around_lanes(queries, asks);
+                let hint = self.numbers[near.places[0] as usize % MOST] as usize;
+                walk(width, index, queries, asked, hint, found);
+            }
         }
-        let reach = smaller(farthest(found.bounds()), reach);
-        let mut near = [0u32; MOST_OF_GROUP + FANOUT];
+    }
+
+    /// Shows to `found` the blocks near the queries that ask.
+    #[inline(always)]
+    fn show_near<C: Coordinate, F: Found>(
+        &self,
+        width: impl Width,
+        index: &BlockIndex<C>,
+        (queries, asks): (&Block, u32),
+        (count, reach): (usize, f64),
+        (found, near): (&mut F, &mut Near),
+    ) {
+        let at = self.frame.places(queries);
+        // Per query the least gap, rounded down, with the block's number in its last bits.
+        let mut nearest = [u32::MAX; LANES];
+        for (nth, gaps) in (0..).zip(&mut near.gaps[..count]) {
+            *gaps = self.gaps(near.places[nth as usize] as usize % MOST, &at);
+            for lane in 0..LANES {
+                let gap = gaps[lane].to_bits() & !NUMBER | nth;
+                nearest[lane] = nearest[lane].min(gap);
+            }
+        }
+        let least = nearest.map(|gap| f32::from_bits(gap & !NUMBER));
+        let mut open = asks & width.below(&least, &self.frame.squares(found.bounds(), reach));
+        near.met[..count].fill(0);
+        while open != 0 {
+            let lane = open.trailing_zeros() as usize % LANES;
+            open &= open - 1;
+            let nth = (nearest[lane] & NUMBER) as usize;
+            near.met[nth] |= 1 << lane;
+            self.meet(width, index, near.places[nth], (lane, queries), found);
+        }
+        let bounds = self.frame.squares(found.bounds(), reach);
+        for nth in 0..count {
+            let mut open = asks & !near.met[nth] & width.below(&near.gaps[nth], &bounds);
+            while open != 0 {
+                let lane = open.trailing_zeros() as usize % LANES;
+                open &= open - 1;
+                self.meet(width, index, near.places[nth], (lane, queries), found);
+            }
+        }
+    }
+
+    /// The blocks that may be nearer to a box than `reach`, squared; how many, if they are not too many.
+    #[inline(always)]
+    fn near(
+        &self,
+        width: impl Width,
+        corners: Corners,
+        reach: f64,
+        near: &mut [u32; MOST_OF_GROUP + LANES],
+    ) -> usize {
+        let ([low, high], reach) = (self.frame.corners(corners), self.frame.square(reach));
         let mut count = 0;
-        for first in (0..self.count).step_by(FANOUT) {
-            let (_, mut open) = gaps_of(&self.min, &self.max, first, *corners, reach);
+        for first in (0..self.count).step_by(LANES) {
+            let mut gaps = [0.0; LANES];
+            for axis in 0..3 {
+                let (mut lows, mut highs) = ([0.0; LANES], [0.0; LANES]);
+                lows.copy_from_slice(&self.low[axis][first..first + LANES]);
+                highs.copy_from_slice(&self.high[axis][first..first + LANES]);
+                for k in 0..LANES {
+                    let gap = wider(wider(lows[k] - high[axis], low[axis] - highs[k]), 0.0);
+                    gaps[k] += gap * gap;
+                }
+            }
+            let mut open = width.below(&gaps, &[reach; LANES]);
             if count > MOST_OF_GROUP {
                 break;
             }
@@ -261,63 +320,21 @@ impl Boxes {
                 open &= open - 1;
             }
         }
-        if count > MOST_OF_GROUP {
-            let asked = Asked::of(&[(queries, *corners)], std::slice::from_ref(found), within);
-            let hint = self.numbers[near[0] as usize % MOST] as usize;
-            walk(width, index, queries, asked.corners, hint, found);
-            return;
-        }
-        let mut gaps = [[0.0; LANES]; MOST_OF_GROUP];
-        let (mut least, mut nearest) = ([0.0; LANES], [NONE; LANES]);
-        let mut asks = [0.0; LANES];
-        for lane in 0..LANES {
-            let bound = found.bounds()[lane];
-            least[lane] = if bound > within { bound } else { 0.0 };
-            asks[lane] = if bound > within { f64::INFINITY } else { 0.0 };
-        }
-        for (nth, gaps) in gaps[..count].iter_mut().enumerate() {
-            let number = near[nth] as usize % MOST;
-            let (min, max) = self.corners(number);
-            for lane in 0..LANES {
-                let x = larger(min[0] - queries.x[lane], queries.x[lane] - max[0]);
-                let y = larger(min[1] - queries.y[lane], queries.y[lane] - max[1]);
-                let z = larger(min[2] - queries.z[lane], queries.z[lane] - max[2]);
-                let gap = square_of(larger(x, 0.0), larger(y, 0.0), larger(z, 0.0));
-                gaps[lane] = gap;
-                let nearer = gap < least[lane];
-                least[lane] = if nearer { gap } else { least[lane] };
-                nearest[lane] = if nearer { nth as u64 } else { nearest[lane] };
-            }
-        }
-        for lane in 0..LANES {
-            if nearest[lane] != NONE {
-                let nth = nearest[lane] as usize % MOST_OF_GROUP;
-                self.meet(width, index, near[nth], (lane, queries), found);
-            }
-        }
-        for nth in 0..count {
-            let (bounds, mut bits) = (found.bounds(), [0u64; LANES]);
-            for lane in 0..LANES {
-                let bound = smaller(bounds[lane], asks[lane]);
-                let open = gaps[nth][lane] < bound && nearest[lane] != nth as u64;
-                bits[lane] = if open { 1 << lane } else { 0 };
-            }
-            let mut open = joined(&bits);
-            while open != 0 {
-                let lane = open.trailing_zeros() as usize % LANES;
-                self.meet(width, index, near[nth], (lane, queries), found);
-                open &= open - 1;
-            }
-        }
+        count
     }
 
+    /// The squared gaps between a box and sixteen places in the frame.
     #[inline(always)]
-    fn corners(&self, place: usize) -> ([f64; 3], [f64; 3]) {
-        let (min, max) = (&self.min, &self.max);
-        (
-            [min[0][place], min[1][place], min[2][place]],
-            [max[0][place], max[1][place], max[2][place]],
-        )
+    fn gaps(&self, number: usize, at: &[[f32; LANES]; 3]) -> [f32; LANES] {
+        let mut gaps = [0.0; LANES];
+        for axis in 0..3 {
+            let (low, high) = (self.low[axis][number], self.high[axis][number]);
+            for lane in 0..LANES {
+                let gap = wider(wider(low - at[axis][lane], at[axis][lane] - high), 0.0);
+                gaps[lane] += gap * gap;
+            }
+        }
+        gaps
     }
 
     #[inline(always)]

@@ -4,13 +4,17 @@
     unsafe_code,
     reason = "a function for a newer processor may only be called after asking for it"
 )]
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one index runs over several columns"
+)]
 
-use super::blocks::Block;
-use super::search::{smaller, squares};
+use super::blocks::{Block, LANES};
+use super::search::{joined, smaller, squares};
 use glam::DVec3;
 
 /// Work whose loops over columns gain from wide registers. What `run` calls must be inlined into it.
-pub(super) trait Task {
+pub(crate) trait Task {
     /// What it gives.
     type Output;
 
@@ -19,9 +23,30 @@ pub(super) trait Task {
 }
 
 /// Registers, and what the compiler does not find the wide instructions for by itself.
-pub(super) trait Width: Copy {
+pub(crate) trait Width: Copy {
     /// The least squared distance from a query to the points of a block, or `bound` if that is less.
     fn least(self, block: &Block, query: DVec3, bound: f64) -> f64;
+
+    /// The first point of a block whose squared distance from a query is at most `square`, where there is
+    /// one.
+    #[inline(always)]
+    fn first_within(self, block: &Block, query: DVec3, square: f64) -> u32 {
+        let (squares, mut bits) = (squares(block, query), [0u64; LANES]);
+        for k in 0..LANES {
+            bits[k] = if squares[k] <= square { 1 << k } else { 0 };
+        }
+        joined(&bits).trailing_zeros()
+    }
+
+    /// A bit for each lane of `a` that is less than that of `b`.
+    #[inline(always)]
+    fn below(self, a: &[f32; LANES], b: &[f32; LANES]) -> u32 {
+        let mut bits = [0u32; LANES];
+        for lane in 0..LANES {
+            bits[lane] = if a[lane] < b[lane] { 1 << lane } else { 0 };
+        }
+        bits.iter().fold(0, |all, bit| all | bit)
+    }
 }
 
 /// What the compiler takes for granted.
@@ -43,7 +68,7 @@ impl Width for Baseline {
 
 /// Registers that a test may ask for; [`run`] takes the widest there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Registers {
+pub(crate) enum Registers {
     /// [`Baseline`].
     Baseline,
     /// 256 bits.
@@ -71,14 +96,14 @@ impl Registers {
     }
 
     /// The widest that this processor has.
-    pub(super) fn widest() -> Self {
+    pub(crate) fn widest() -> Self {
         let wide = [Self::Avx512, Self::Avx2];
         let there = wide.into_iter().find(|registers| registers.are_there());
         there.unwrap_or(Self::Baseline)
     }
 
     /// Does the work with these, or without, where this processor has none such.
-    pub(super) fn run<T: Task>(self, task: T) -> T::Output {
+    pub(crate) fn run<T: Task>(self, task: T) -> T::Output {
         if !self.are_there() {
             return task.run(Baseline);
         }
@@ -103,10 +128,11 @@ mod x86 {
     use crate::distance::search::smaller;
     use glam::DVec3;
     use std::arch::x86_64::{
-        __m256d, __m512d, _mm_cvtsd_f64, _mm_min_pd, _mm_unpackhi_pd, _mm256_add_pd,
-        _mm256_castpd256_pd128, _mm256_extractf128_pd, _mm256_loadu_pd, _mm256_min_pd,
-        _mm256_mul_pd, _mm256_set1_pd, _mm256_sub_pd, _mm512_add_pd, _mm512_castpd512_pd256,
-        _mm512_extractf64x4_pd, _mm512_loadu_pd, _mm512_min_pd, _mm512_mul_pd, _mm512_set1_pd,
+        __m256d, __m512d, _CMP_LE_OQ, _CMP_LT_OQ, _mm_cvtsd_f64, _mm_min_pd, _mm_unpackhi_pd,
+        _mm256_add_pd, _mm256_castpd256_pd128, _mm256_extractf128_pd, _mm256_loadu_pd,
+        _mm256_min_pd, _mm256_mul_pd, _mm256_set1_pd, _mm256_sub_pd, _mm512_add_pd,
+        _mm512_castpd512_pd256, _mm512_cmp_pd_mask, _mm512_cmp_ps_mask, _mm512_extractf64x4_pd,
+        _mm512_loadu_pd, _mm512_loadu_ps, _mm512_min_pd, _mm512_mul_pd, _mm512_set1_pd,
         _mm512_sub_pd,
     };
 
@@ -134,6 +160,18 @@ mod x86 {
             // SAFETY: who made this value had asked the processor.
             unsafe { least_avx512(block, query, bound) }
         }
+
+        #[inline(always)]
+        fn first_within(self, block: &Block, query: DVec3, square: f64) -> u32 {
+            // SAFETY: who made this value had asked the processor.
+            unsafe { first_within_avx512(block, query, square) }
+        }
+
+        #[inline(always)]
+        fn below(self, a: &[f32; LANES], b: &[f32; LANES]) -> u32 {
+            // SAFETY: who made this value had asked the processor.
+            unsafe { below_avx512(a, b) }
+        }
     }
 
     impl Width for Avx2 {
@@ -147,6 +185,37 @@ mod x86 {
     #[target_feature(enable = "avx512f,avx512vl,avx512dq")]
     #[inline]
     fn least_avx512(block: &Block, query: DVec3, bound: f64) -> f64 {
+        let [low, high] = squares_avx512(block, query);
+        let eight = _mm512_min_pd(low, high);
+        let four = _mm256_min_pd(
+            _mm512_castpd512_pd256(eight),
+            _mm512_extractf64x4_pd::<1>(eight),
+        );
+        smaller(least_of_four(four), bound)
+    }
+
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq")]
+    #[inline]
+    fn first_within_avx512(block: &Block, query: DVec3, square: f64) -> u32 {
+        let most = _mm512_set1_pd(square);
+        let bits = |eight| u32::from(_mm512_cmp_pd_mask::<_CMP_LE_OQ>(eight, most));
+        let [low, high] = squares_avx512(block, query);
+        (bits(low) | bits(high) << 8).trailing_zeros()
+    }
+
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq")]
+    #[inline]
+    fn below_avx512(a: &[f32; LANES], b: &[f32; LANES]) -> u32 {
+        const { assert!(LANES == 16) };
+        // SAFETY: both are sixteen.
+        let (a, b) = unsafe { (_mm512_loadu_ps(a.as_ptr()), _mm512_loadu_ps(b.as_ptr())) };
+        _mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b).into()
+    }
+
+    /// The squared distances from a query to the points of a block.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq")]
+    #[inline]
+    fn squares_avx512(block: &Block, query: DVec3) -> [__m512d; 2] {
         const { assert!(LANES == 16) };
         let (x, y, z) = (
             _mm512_set1_pd(query.x),
@@ -162,12 +231,7 @@ mod x86 {
             let flat = _mm512_add_pd(square(&block.x, first, x), square(&block.y, first, y));
             _mm512_add_pd(flat, square(&block.z, first, z))
         };
-        let eight = _mm512_min_pd(eight(0), eight(8));
-        let four = _mm256_min_pd(
-            _mm512_castpd512_pd256(eight),
-            _mm512_extractf64x4_pd::<1>(eight),
-        );
-        smaller(least_of_four(four), bound)
+        [eight(0), eight(8)]
     }
 
     #[target_feature(enable = "avx2")]
