@@ -207,9 +207,10 @@ impl<'a> Judge<'a> {
         let first = block * BLOCK;
         let count = BLOCK.min(self.options.iterations - first);
         let mut best: Option<Candidate> = None;
+        let (mut source, mut target) = (Vec::new(), Vec::new());
         for _ in 0..count {
             // A draw of coinciding centres fixes no similarity: it has no candidate.
-            let (source, target) = self.draw(&mut rng);
+            self.draw(&mut rng, &mut source, &mut target);
             let hopeless = |best| self.is_hopeless(&source, &target, best);
             if best.as_ref().is_some_and(hopeless) {
                 continue;
@@ -224,14 +225,20 @@ impl<'a> Judge<'a> {
         best
     }
 
-    /// The corresponding centres of a draw.
-    fn draw(&self, rng: &mut ChaCha8Rng) -> (Vec<DVec3>, Vec<DVec3>) {
-        let picks = match self.options.rule {
-            Rule::Official => (0..6).map(|_| below(rng, self.source.len())).collect(),
-            Rule::Strict => three_different(rng, self.source.len()),
+    /// Draws corresponding centres.
+    fn draw(&self, rng: &mut ChaCha8Rng, source: &mut Vec<DVec3>, target: &mut Vec<DVec3>) {
+        source.clear();
+        target.clear();
+        let mut take = |pick: usize| {
+            source.push(self.source[pick]);
+            target.push(self.target[pick]);
         };
-        let pick = |side: &[DVec3]| picks.iter().map(|&index| side[index]).collect::<Vec<_>>();
-        (pick(self.source), pick(self.target))
+        match self.options.rule {
+            Rule::Official => (0..6).for_each(|_| take(below(rng, self.source.len()))),
+            Rule::Strict => three_different(rng, self.source.len())
+                .into_iter()
+                .for_each(take),
+        }
     }
 
     /// Whether a quick fit shows that the exact one cannot be better than `best`.
@@ -351,12 +358,13 @@ fn below(rng: &mut ChaCha8Rng, count: usize) -> usize {
     }
 }
 
-fn three_different(rng: &mut ChaCha8Rng, count: usize) -> Vec<usize> {
-    let mut picks = Vec::with_capacity(3);
-    while picks.len() < 3 {
+fn three_different(rng: &mut ChaCha8Rng, count: usize) -> [usize; 3] {
+    let (mut picks, mut drawn) = ([0; 3], 0);
+    while drawn < 3 {
         let pick = below(rng, count);
-        if !picks.contains(&pick) {
-            picks.push(pick);
+        if !picks[..drawn].contains(&pick) {
+            picks[drawn] = pick;
+            drawn += 1;
         }
     }
     picks

@@ -123,7 +123,8 @@ where
         grid,
     );
     let points = |runs: &[u64]| -> usize { runs.iter().map(|&run| runs::members(run).len()).sum() };
-    let (mut means, mut end) = (Vec::new(), points(piece));
+    let mut end = points(piece);
+    let mut means = Vec::with_capacity(end);
     let cells = piece.chunk_by(|&a, &b| runs::cell(a) == runs::cell(b));
     for cell in cells.rev() {
         let first = end - points(cell);
