@@ -409,7 +409,8 @@ mod tests {
             let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
             rng.set_stream(block as u64);
             for _ in 0..BLOCK.min(options.iterations - block * BLOCK) {
-                let (picked, wanted) = judge.draw(&mut rng);
+                let (mut picked, mut wanted) = (Vec::new(), Vec::new());
+                judge.draw(&mut rng, &mut picked, &mut wanted);
                 let Ok(motion) = umeyama(&picked, &wanted, Scale::Free) else {
                     continue;
                 };
