@@ -70,7 +70,7 @@ impl Edge {
             let reach = (i.abs() + j.abs() + corner.abs()).element_sum();
             let area = along.perp_dot(corner - i);
             // Well above all rounding, here and where a single point is looked at.
-            let sure = area.abs() > CLEAR * length * reach;
+            let sure = area.is_finite() && area.abs() > CLEAR * length * reach;
             if sure { area.signum() } else { 0.0 }
         };
         let others = [high, DVec2::new(low.x, high.y), DVec2::new(high.x, low.y)];
@@ -116,11 +116,12 @@ impl Slabs {
         slabs
     }
 
-    /// Monotonic: what lies between two places lies between their slabs. The cast takes NaN and what
-    /// is before the first slab to it.
+    /// Monotonic: what lies between two places lies between their slabs. NaN and what is before the
+    /// first slab are taken to it, NaN by the cast.
     #[inline]
     fn slab_of(&self, along: f64) -> usize {
-        ((along - self.start) * self.slabs_per_unit).min(SLABS) as usize
+        let slab = (along - self.start) * self.slabs_per_unit;
+        slab.clamp(0.0, SLABS) as usize
     }
 
     /// The edges that may be crossed at a place, in the polygon's order.
@@ -335,6 +336,11 @@ mod tests {
             assert!(answers[0] > 20 && answers[2] > 20, "{answers:?}");
             assert!(answers[1] > 2 || polygon == far, "{answers:?}");
         }
+        // All of its edges in one line, at the end of the number range: there is only one slab.
+        let flat = [(0.0, 1e308), (1.0, 1e308), (3.0, 1e308)].map(DVec2::from);
+        let prism = Prism::new(2, (-1.0, 1.0), &flat).unwrap();
+        let (min, max) = (DVec3::new(0.0, -1e308, 0.0), DVec3::new(1.0, 0.0, 0.0));
+        assert_eq!(prism.holds((min, max)), Some(false));
         let prism = Prism::new(2, (-1.0, 1.0), &square).unwrap();
         let holds = |min: [f64; 3], max: [f64; 3]| prism.holds((min.into(), max.into()));
         assert_eq!(holds([0.1, 0.1, -1.0], [0.9, 0.9, 1.0]), Some(true));

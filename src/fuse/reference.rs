@@ -93,6 +93,10 @@ impl Reference<'_> {
     pub(super) fn points(&self, rows: Range<usize>, finish: &Finish<'_>, band: &mut Band) {
         band.rows.resize_with(rows.len(), Points::default);
         band.rows.iter_mut().for_each(Points::clear);
+        if rows.is_empty() {
+            band.counts = FuseCounts::default();
+            return;
+        }
         let mut counts = FuseCounts::default();
         let mut kept = Vec::with_capacity(BLOCK);
         let mut room = Room::new(self.sources.len());

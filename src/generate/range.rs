@@ -1,6 +1,6 @@
 //! The depth range of a view from its rendered depth.
 
-use super::order;
+use super::order::{self, Extent};
 use crate::error::{Error, Result};
 use mvs_datasets::scene::{DepthMap, DepthRange};
 use serde::{Deserialize, Serialize};
@@ -27,13 +27,28 @@ pub enum RangeRule {
 /// The range of `depth` by `rule`, then made longer by the fraction `margin` (≥ 0) of its length at
 /// either end. `None` where there is no depth. Always above 0 and not empty.
 pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Option<DepthRange>> {
+    let Some(extent) = order::extent(depth) else {
+        return check_margin(margin).map(|()| None);
+    };
+    range_within(depth, extent, rule, margin).map(Some)
+}
+
+fn check_margin(margin: f64) -> Result<()> {
     if !(margin.is_finite() && margin >= 0.0) {
         let problem = format!("expected a finite fraction of at least 0, found {margin}");
         return Err(Error::invalid("range margin", problem));
     }
-    let Some(extent) = order::extent(depth) else {
-        return Ok(None);
-    };
+    Ok(())
+}
+
+/// [`depth_range`] of depths whose extent is known.
+pub(super) fn range_within(
+    depth: &DepthMap,
+    extent: Extent,
+    rule: RangeRule,
+    margin: f64,
+) -> Result<DepthRange> {
+    check_margin(margin)?;
     let (low, high) = match rule {
         RangeRule::Percentile => percentiles(depth, extent.count),
         RangeRule::Full | RangeRule::Widened => (extent.smallest, extent.largest),
@@ -45,7 +60,7 @@ pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Opt
         _ => (low, high),
     };
     let min = (min - margin * length).max(low / f64::from(HYPOTHESES));
-    Ok(Some(DepthRange::new(min, max + margin * length)?))
+    Ok(DepthRange::new(min, max + margin * length)?)
 }
 
 /// The depths at indices int(.01 n) and int(.99 n) of the n ≥ 1 ascending ones.

@@ -118,8 +118,7 @@ impl ViewWork<'_> {
         (depth, extent): (&DepthMap, Extent),
     ) -> Result<(DepthRange, usize, Option<Coded>)> {
         let (rule, margin) = (self.options.range, self.options.range_margin);
-        let none = || no_surface(view);
-        let range = range::depth_range(depth, rule, margin)?.ok_or_else(none)?;
+        let range = range::range_within(depth, extent, rule, margin)?;
         let (kept, all) = (range::kept_by_readers(depth, &range), extent.count);
         if kept > 0 {
             let lost = rule == RangeRule::Widened && kept < all;
@@ -136,7 +135,7 @@ impl ViewWork<'_> {
             });
             return Ok((range, kept, warning));
         }
-        let widened = range::depth_range(depth, RangeRule::Widened, margin)?.ok_or_else(none)?;
+        let widened = range::range_within(depth, extent, RangeRule::Widened, margin)?;
         let warning = format!(
             "view {} has no depth inside its range {} to {}; it was widened to {} to {}",
             view.id,

@@ -57,7 +57,9 @@ impl Bundle<'_> {
                 let index = index as usize;
                 if !packet.has(ray) {
                     let alone = renderer.first_visible(self.origin, directions[ray], self.range);
-                    alone.map(|visible| take(index, visible));
+                    if let Some(visible) = alone {
+                        take(index, visible);
+                    }
                 }
             }
             let meet = |ray: usize, triangle: u32| {

@@ -67,15 +67,9 @@ fn in_chunks<T: Send>(
     directions: &[DVec3],
     trace: impl Fn(&[DVec3]) -> Vec<T> + Sync + Send,
 ) -> Vec<T> {
-    let chunks = parallel::map(directions.len().div_ceil(CHUNK), |chunk| {
-        let first = chunk * CHUNK;
-        trace(&directions[first..directions.len().min(first + CHUNK)])
-    });
-    let mut all = Vec::with_capacity(directions.len());
-    for mut chunk in chunks {
-        all.append(&mut chunk);
-    }
-    all
+    let chunks: Vec<&[DVec3]> = directions.chunks(CHUNK).collect();
+    let traced = parallel::map(chunks.len(), |chunk| trace(chunks[chunk]));
+    traced.into_iter().flatten().collect()
 }
 
 /// How a view is rendered.
@@ -90,8 +84,8 @@ pub struct RenderOptions {
     pub background: [u8; 3],
     /// What the backs of triangles are.
     pub back_faces: BackFaces,
-    /// Whether [`Rendering::normals`] are made: a third of what a rendering holds. What is recorded of a
-    /// job does not depend on it.
+    /// Whether [`Rendering::normals`] are made: more than half of what a rendering without interpolated
+    /// ones holds. What is recorded of a job does not depend on it.
     #[serde(skip)]
     pub normals: bool,
     /// Whether [`Rendering::interpolated_normals`] are made.

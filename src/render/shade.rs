@@ -280,11 +280,8 @@ impl<'m> Brushes<'m> {
                 }
                 self.place(l, left, (here, run));
             }
-            // Blocks that end early have samples that are not there.
-            kinds[left / BLOCK % BLOCKS] = match kind {
-                Kind::Texture(_) if left + BLOCK > width => Kind::Other,
-                kind => kind,
-            };
+            // Blocks that end early have a second run, of samples that are not there.
+            kinds[left / BLOCK % BLOCKS] = kind;
             run = last;
         }
         kinds
@@ -449,7 +446,7 @@ fn eight(row: &[f64; SIZE], left: usize) -> [f64; BLOCK] {
 /// A part of a tile that is to be painted.
 pub(crate) struct Painting<'r, 'p> {
     pub(crate) brushes: &'r mut Brushes<'p>,
-    /// What the part's samples see, and the row of its first ones: the part is all that a row has.
+    /// What the part's samples see; the part is all that it has.
     pub(crate) look: &'r Look<'r>,
     pub(crate) frame: &'r Frame<'p>,
     /// Samples along each side of a pixel.

@@ -26,6 +26,11 @@ fn view(pose: Pose, width: u32, height: u32) -> View {
     }
 }
 
+/// The normal of a pixel.
+fn normal_at(rendering: &Rendering, column: u32, row: u32) -> [f32; 3] {
+    rendering.normals.as_ref().unwrap().get(column, row)
+}
+
 /// One sample, both sides of triangles.
 fn draft(mesh: &Mesh, view: &View) -> Rendering {
     let options = RenderOptions {

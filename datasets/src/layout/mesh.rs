@@ -96,7 +96,8 @@ pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Load
 fn side_by_side(files: &[PathBuf], threads: usize) -> usize {
     let is_small = |path: &&PathBuf| {
         let size = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-        size < LARGE
+        // What a `.gltf` holds lies in other files.
+        size < LARGE && extension_of(path) != "gltf"
     };
     let small = files.iter().take(threads).take_while(is_small).count();
     small.max(1)
@@ -193,6 +194,9 @@ mod tests {
         assert_eq!([taken(0, 8), taken(2, 8), taken(3, 8)], [2, 1, 3]);
         assert_eq!([taken(0, 1), taken(3, 2), taken(3, 0)], [1, 2, 1]);
         assert_eq!(side_by_side(&[PathBuf::from("missing.obj")], 4), 1);
+        let with = |name: &str| [files[0].clone(), folder.path().join(name), files[1].clone()];
+        assert_eq!(side_by_side(&with("small.gltf"), 4), 1);
+        assert_eq!(side_by_side(&with("small.glb"), 4), 3);
     }
 
     #[test]

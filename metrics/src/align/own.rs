@@ -1,5 +1,6 @@
 //! How far moved centres are from their own targets, eight at a time.
 
+use super::trajectory::Rule;
 use crate::distance::squared_distance;
 use glam::{DMat4, DVec3};
 
@@ -10,13 +11,13 @@ pub(super) const EIGHT: usize = 8;
 pub(super) struct Own {
     source: [Vec<f64>; 3],
     target: [Vec<f64>; 3],
-    /// Per centre a squared distance: when it is nearer than that to its own target, no other target is
-    /// nearer.
+    /// Per centre a squared distance: when it is nearer than that to its own target, no target by which
+    /// it may be judged is nearer.
     pub(super) near: Vec<f64>,
 }
 
 impl Own {
-    pub(super) fn new(source: &[DVec3], target: &[DVec3]) -> Self {
+    pub(super) fn new(source: &[DVec3], target: &[DVec3], rule: Rule) -> Self {
         let count = source.len().next_multiple_of(EIGHT);
         let columns = |side: &[DVec3]| {
             let last = side.len() - 1;
@@ -26,12 +27,17 @@ impl Own {
             let others = target.iter().enumerate().filter(|&(j, _)| j != i);
             let squares = others.map(|(_, &other)| squared_distance(own, other));
             // Half the way to the nearest other one, less all rounding.
-            0.2499 * squares.fold(f64::INFINITY, f64::min)
+            let near = 0.2499 * squares.fold(f64::INFINITY, f64::min);
+            if near.is_finite() { near } else { 0.0 }
+        };
+        let near = match rule {
+            Rule::Official => target.iter().enumerate().map(near).collect(),
+            Rule::Strict => vec![f64::INFINITY; target.len()],
         };
         Self {
             source: columns(source),
             target: columns(target),
-            near: target.iter().enumerate().map(near).collect(),
+            near,
         }
     }
 
@@ -71,7 +77,7 @@ mod tests {
     #[test]
     fn squares_are_those_of_single_centres_and_near_ones_have_no_nearer_target() {
         let (source, target) = (scattered(90, 21), scattered(91, 21));
-        let own = Own::new(&source, &target);
+        let own = Own::new(&source, &target, Rule::Official);
         let turn = DMat4::from_scale_rotation_translation(
             DVec3::splat(0.3),
             glam::DQuat::from_rotation_y(0.4),
@@ -84,7 +90,7 @@ mod tests {
                 for (i, square) in (first..21).zip(squares) {
                     let moved = transform(motion, source[i]);
                     let exact = squared_distance(moved, target[i]);
-                    assert!((square - exact).abs() <= 1e-15 * exact, "{nth} {i}");
+                    assert_eq!(square, exact, "{nth} {i}");
                 }
             }
         }

@@ -194,7 +194,7 @@ impl<'a> Judge<'a> {
             source,
             target,
             near: Reach::new(target, options.max_distance * (1.0 + 2.0 * MOST_SLACK)),
-            own: Own::new(source, target),
+            own: Own::new(source, target, options.rule),
             options,
             spread: (max - min).length(),
             farthest: [farthest(source), farthest(target)],

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 const BITS: u32 = 10;
 /// Cells per axis of one pass.
 const CELLS: f64 = (1 << BITS) as f64;
-/// Points that neighbour each other on the curve and are split as a tree: 64 blocks.
+/// Points that neighbour each other on the curve and are split as a tree: 256 blocks.
 pub(super) const CHUNK: usize = 4096;
 /// Points in one cell that need no order among themselves.
 const RUN: usize = 16;

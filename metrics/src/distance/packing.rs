@@ -272,13 +272,15 @@ impl<P: Place> Packing<P> {
     }
 }
 
-/// Makes room for all at once, which costs no memory before it is written to; or where there are more
-/// than said by eighths: twice as much, as lists grow by themselves, is too much of it.
+/// Makes room for all at once, which on most systems costs no memory before it is written to. Where that
+/// is refused, or there are more than said, room grows by eighths: twice as much, as lists grow by
+/// themselves, is too much of it.
 fn reserve<T>(list: &mut Vec<T>, more: usize, most: usize) {
     if list.capacity() - list.len() < more {
-        list.reserve_exact(
-            more.max(list.len() / 8)
-                .max(most.saturating_sub(list.len())),
-        );
+        let some = more.max(list.len() / 8);
+        let all = some.max(most.saturating_sub(list.len()));
+        if list.try_reserve_exact(all).is_err() {
+            list.reserve_exact(some);
+        }
     }
 }

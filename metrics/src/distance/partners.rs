@@ -79,15 +79,16 @@ impl Found for Nearest {
         let mut near = joined(&bits);
         while near != 0 {
             let k = near.trailing_zeros() as usize % LANES;
-            let square = squares[k];
+            near &= near - 1;
+            let (place, square) = ((number * LANES + k) as u32, squares[k]);
             if square < best {
                 second = smaller(best, second);
                 best = square;
-                self.partner[lane] = (number * LANES + k) as u32;
-            } else {
+                self.partner[lane] = place;
+            } else if place != self.partner[lane] {
+                // The partner itself may be met again.
                 second = smaller(square, second);
             }
-            near &= near - 1;
         }
         (self.best[lane], self.second[lane]) = (best, second);
     }

@@ -21,7 +21,7 @@ pub(super) const TOGETHER: usize = 8;
 const MOST: usize = 192;
 /// Blocks that one group may have near it.
 const MOST_OF_GROUP: usize = NUMBER as usize + 1;
-/// How often a group is parted, twice over, before it walks alone.
+/// Parts of a group that are asked for by themselves, at most; where more are needed they walk alone.
 const PARTS: usize = 8;
 /// The bits of the number of such a block.
 const NUMBER: u32 = 31;
@@ -166,7 +166,10 @@ impl Boxes {
         corners: Corners,
         reach: f64,
     ) -> bool {
-        self.count = 0;
+        let Some(frame) = Frame::around(corners, reach) else {
+            return false;
+        };
+        (self.frame, self.count) = (frame, 0);
         let mut stack = [(0u32, 0u32); STACK];
         stack[0].0 = index.levels().len() as u32 - 1;
         let mut waiting = 1;
@@ -195,10 +198,6 @@ impl Boxes {
                 open &= open - 1;
             }
         }
-        let Some(frame) = Frame::around(corners, reach) else {
-            return false;
-        };
-        self.frame = frame;
         for axis in 0..3 {
             frame.lower(axis, &self.min[axis][..self.count], &mut self.low[axis]);
             frame.upper(axis, &self.max[axis][..self.count], &mut self.high[axis]);

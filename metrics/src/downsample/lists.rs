@@ -11,7 +11,7 @@ const NONE: u32 = u32::MAX;
 /// The points of some cells, and lists of those of one cell by voxel.
 pub(super) struct Lists {
     points: Vec<Point>,
-    indices: Vec<usize>,
+    indices: Vec<u32>,
     voxels: Vec<[i32; 3]>,
     /// Per voxel of a cell the point listed last.
     last: Vec<u32>,
@@ -51,7 +51,7 @@ impl Lists {
             let from = self.points.len();
             self.points.resize(from + run.len(), [0.0; 3]);
             points(run.start, &mut self.points[from..]);
-            self.indices.extend(run);
+            self.indices.extend(run.map(|index| index as u32));
         }
         self.before.resize(self.points.len(), NONE);
         self.voxels.resize(self.points.len(), [0; 3]);
@@ -102,7 +102,8 @@ impl Lists {
         self.voxel.clear();
         let mut place = last;
         while place != NONE {
-            self.voxel.push((rank(self.indices[place as usize]), place));
+            self.voxel
+                .push((rank(self.indices[place as usize] as usize), place));
             place = self.before[place as usize];
         }
         self.voxel.sort_unstable();
@@ -123,7 +124,13 @@ impl Lists {
         means: &mut Vec<DVec3>,
     ) {
         let point = |place: usize| DVec3::from(self.points[place]);
-        let member = |place| (self.voxels[place], rank(self.indices[place]), point(place));
+        let member = |place| {
+            (
+                self.voxels[place],
+                rank(self.indices[place] as usize),
+                point(place),
+            )
+        };
         let mut sorted: Vec<([i32; 3], u32, DVec3)> = cell.map(member).collect();
         sorted.sort_unstable_by_key(|&(voxel, rank, _)| (voxel, rank));
         for voxel in sorted.chunk_by(|a, b| a.0 == b.0) {

@@ -76,7 +76,7 @@ where
             let count = BATCH.min((stretch.end - first) as usize);
             (members.points)(first as usize, &mut room[..count]);
             grid.voxels_of(&room[..count], &mut voxels[..count]);
-            for (index, &voxel) in (first..).zip(&voxels[..count]) {
+            for (&voxel, index) in voxels[..count].iter().zip(first..) {
                 let cell = grid.cell_of(voxel);
                 if !open.goes_on(cell, index) {
                     runs.extend(open.packed(grid));

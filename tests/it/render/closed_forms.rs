@@ -15,14 +15,7 @@ fn a_tilted_plane_has_the_depth_of_its_equation() {
                 (found / exact - 1.0).abs() < 1e-7,
                 "({column}, {row}): {found} for {exact}"
             );
-            let facing = DVec3::from(
-                rendering
-                    .normals
-                    .as_ref()
-                    .unwrap()
-                    .get(column, row)
-                    .map(f64::from),
-            );
+            let facing = DVec3::from(normal_at(&rendering, column, row).map(f64::from));
             assert!((facing - normal).length() < 1e-6, "{facing}");
         }
     }
@@ -57,14 +50,7 @@ fn a_sphere_is_met_within_its_tessellation_and_only_there() {
             let point = eye + depth * towards;
             assert!(closest <= 1.0 && depth < along, "({column}, {row})");
             assert!(point.length() > 1.0 - sagitta - 1e-6 && point.length() < 1.0 + 1e-6);
-            let normal = DVec3::from(
-                rendering
-                    .normals
-                    .as_ref()
-                    .unwrap()
-                    .get(column, row)
-                    .map(f64::from),
-            );
+            let normal = DVec3::from(normal_at(&rendering, column, row).map(f64::from));
             let outwards = view.pose.rotation() * point.normalize();
             edge += usize::from(normal.dot(outwards) < (1.5 * step).cos());
         }

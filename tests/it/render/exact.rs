@@ -1,9 +1,11 @@
 //! The fast renderer against the exact one, to the byte.
 
 use super::*;
-use mvs_datasets::scene::Raster;
+use glam::Vec2;
+use mvs_datasets::scene::{ColorImage, Material, Raster};
 use mvs_eval::render::Seen;
 use mvs_eval::render::oracle::Oracle;
+use std::sync::Arc;
 
 #[test]
 fn threads_do_not_change_a_byte() {
@@ -87,6 +89,77 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
     assert!(hits > 20_000, "{hits}");
 }
 
+/// A terrain of two materials whose textures have odd sizes, one of them repeating.
+fn textured_terrain() -> Mesh {
+    let mesh = terrain(60);
+    let texture = |width: u32, height: u32, seed: u64| {
+        let mut noise = Noise(seed);
+        let texel = |_| noise.vector().to_array().map(|v| (v * 127.0 + 128.0) as u8);
+        let texels = (0..width * height).map(texel).collect();
+        Some(Arc::new(
+            ColorImage::from_values(width, height, texels).unwrap(),
+        ))
+    };
+    let material = |texture| Material {
+        texture,
+        ..Material::default()
+    };
+    let coords = |scale: f32| {
+        let on = mesh.triangles().iter().map(move |corners| {
+            corners.map(|corner| {
+                let at = mesh.vertices()[corner as usize];
+                Vec2::new(at.x as f32, at.y as f32) * scale + Vec2::splat(0.5)
+            })
+        });
+        on.collect::<Vec<_>>()
+    };
+    let (near, far) = (coords(0.3), coords(2.5));
+    let mixed = near.iter().zip(&far).enumerate();
+    let coords = mixed.map(|(k, (near, far))| if k / 40 % 2 == 0 { *near } else { *far });
+    let slots = (0..mesh.triangles().len()).map(|k| (k / 40 % 2) as u32);
+    let materials = vec![material(texture(64, 64, 3)), material(texture(37, 53, 4))];
+    let (coords, slots) = (coords.collect(), slots.collect());
+    let mesh = mesh.clone().with_texture_coords(coords).unwrap();
+    mesh.with_materials(materials, Some(slots)).unwrap()
+}
+
+#[test]
+fn textures_and_left_out_normals_change_nothing_but_what_they_say() {
+    let mesh = textured_terrain();
+    let (renderer, oracle) = (Renderer::new(&mesh).unwrap(), Oracle::new(&mesh));
+    let middle = mesh.bounds().center();
+    let mut noise = Noise(17);
+    for (nth, samples) in [1, 4, 9, 16, 64].into_iter().enumerate() {
+        for reach in [2.5, 0.6] {
+            let eye = middle + (noise.vector() * 0.3 + DVec3::Z).normalize() * reach;
+            let pose = Pose::looking_at(eye, middle, DVec3::Y).unwrap();
+            let view = view(pose, 83 + nth as u32, 45);
+            let options = RenderOptions {
+                samples,
+                back_faces: BackFaces::Valid,
+                interpolated_normals: nth % 2 == 0,
+                ..RenderOptions::default()
+            };
+            let mut fast = renderer.render(&view, &options).unwrap();
+            assert!(
+                fast == oracle.render(&view, &options).unwrap(),
+                "{samples} {reach}"
+            );
+            let without = RenderOptions {
+                normals: false,
+                ..options
+            };
+            fast.normals = None;
+            assert!(
+                fast == renderer.render(&view, &without).unwrap(),
+                "{samples} {reach}"
+            );
+            let colors: std::collections::BTreeSet<_> = fast.color.values().iter().collect();
+            assert!(colors.len() > 500, "{}", colors.len());
+        }
+    }
+}
+
 /// Holds maps of visibility to a rendering: depth and normals to the bit, and the point that the
 /// weights stand for to the ray. Returns how many pixels see something.
 fn agree(mesh: &Mesh, view: &View, seen: &Seen, slow: &Rendering) -> usize {
@@ -96,10 +169,7 @@ fn agree(mesh: &Mesh, view: &View, seen: &Seen, slow: &Rendering) -> usize {
             let index = (row * view.camera.width() + column) as usize;
             let (triangle, depth) = (seen.triangles[index], seen.depth[index]);
             assert_eq!(depth.to_bits(), slow.depth.get(column, row).to_bits());
-            assert_eq!(
-                seen.normals[index],
-                slow.normals.as_ref().unwrap().get(column, row)
-            );
+            assert_eq!(seen.normals[index], normal_at(&slow, column, row));
             if triangle == Seen::NO_TRIANGLE {
                 assert_eq!((depth, seen.weights[index]), (0.0, [0.0; 2]));
                 continue;

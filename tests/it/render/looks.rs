@@ -128,7 +128,7 @@ fn the_background_and_the_number_of_samples_are_as_asked() {
         (rendering.color.get(0, 0), rendering.depth.get(0, 0)),
         ([1, 2, 3], 0.0)
     );
-    assert_eq!(rendering.normals.as_ref().unwrap().get(0, 0), [0.0; 3]);
+    assert_eq!(normal_at(&rendering, 0, 0), [0.0; 3]);
     assert_eq!(rendering.color.get(16, 16), Material::default().color);
     for samples in [0, 2, 3, 81] {
         let wrong = RenderOptions {

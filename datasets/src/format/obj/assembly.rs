@@ -139,7 +139,7 @@ impl Triangles {
                 let index = corners[corner].1.filter(|_| textured);
                 index.map_or(Vec2::ZERO, |index| coords[index as usize])
             };
-            let push = |three: [usize; 3]| {
+            let mut push = |three: [usize; 3]| {
                 triangles
                     .vertices
                     .push(three.map(|corner| corners[corner].0));
@@ -147,7 +147,7 @@ impl Triangles {
                 triangles.materials.push(slot);
             };
             if corners.len() == 3 {
-                [[0, 1, 2]].into_iter().for_each(push);
+                push([0, 1, 2]);
                 continue;
             }
             let position = |&(vertex, _): &(u32, _)| vertices[vertex as usize];

@@ -88,7 +88,7 @@ fn notes_are_skipped_and_what_is_not_plain_is_left_alone() {
 #[test]
 fn broken_files_are_left_alone_or_read_as_they_are() {
     let mut read = 0;
-    for (seed, options) in (0u32..).zip(all_options(&[60, 95])) {
+    for (seed, options) in (0u32..).zip(all_options(&[1, 60, 95])) {
         let whole = oracle(&picture((83, 61), 2 + seed), options);
         for round in 0..1500 {
             let mut bytes = whole.clone();
@@ -108,6 +108,37 @@ fn broken_files_are_left_alone_or_read_as_they_are() {
         }
     }
     assert!(read > 100, "{read} only");
+}
+
+/// Flat and busy blocks under a first step that is made coarser and coarser: the levels grow beyond all
+/// pixels.
+#[test]
+fn levels_beyond_all_pixels_are_left_to_the_other_decoder() {
+    let flat = |level| ColorImage::from_values(48, 48, vec![[level; 3]; 48 * 48]).unwrap();
+    let mut images = [0, 40, 127, 129, 200, 255].map(flat).to_vec();
+    images.extend((0..7).map(|kind| picture((48, 48), kind)));
+    let (mut read, mut left) = (0, 0);
+    for image in images {
+        for options in all_options(&[60, 95, 100]) {
+            let mut bytes = oracle(&image, options);
+            // The steps of the first table follow its marker, its length and its number.
+            let first = 5 + bytes
+                .windows(2)
+                .position(|two| two == [0xff, 0xdb])
+                .unwrap();
+            for step in (1..=255).step_by(2) {
+                bytes[first] = step;
+                match found(&bytes) {
+                    Some(found) => {
+                        assert!(Some(found) == obvious(&bytes), "{options:?} {step}");
+                        read += 1;
+                    }
+                    None => left += 1,
+                }
+            }
+        }
+    }
+    assert!(read > 1000 && left > 100, "{read} read, {left} left");
 }
 
 #[test]
