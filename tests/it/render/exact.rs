@@ -104,14 +104,13 @@ fn textured_terrain() -> Mesh {
         texture,
         ..Material::default()
     };
-    let coords = |scale: f32| {
-        let on = mesh.triangles().iter().map(move |corners| {
-            corners.map(|corner| {
-                let at = mesh.vertices()[corner as usize];
-                Vec2::new(at.x as f32, at.y as f32) * scale + Vec2::splat(0.5)
-            })
-        });
-        on.collect::<Vec<_>>()
+    let coords = |scale: f32| -> Vec<[Vec2; 3]> {
+        let at = |corner: u32| {
+            let at = mesh.vertices()[corner as usize];
+            Vec2::new(at.x as f32, at.y as f32) * scale + Vec2::splat(0.5)
+        };
+        let triangles = mesh.triangles().iter();
+        triangles.map(|corners| corners.map(at)).collect()
     };
     let (near, far) = (coords(0.3), coords(2.5));
     let mixed = near.iter().zip(&far).enumerate();
@@ -169,7 +168,7 @@ fn agree(mesh: &Mesh, view: &View, seen: &Seen, slow: &Rendering) -> usize {
             let index = (row * view.camera.width() + column) as usize;
             let (triangle, depth) = (seen.triangles[index], seen.depth[index]);
             assert_eq!(depth.to_bits(), slow.depth.get(column, row).to_bits());
-            assert_eq!(seen.normals[index], normal_at(&slow, column, row));
+            assert_eq!(seen.normals[index], normal_at(slow, column, row));
             if triangle == Seen::NO_TRIANGLE {
                 assert_eq!((depth, seen.weights[index]), (0.0, [0.0; 2]));
                 continue;
