@@ -31,16 +31,12 @@ impl<'a> Rows<'a> {
         &self.values[start..start + self.stride - 2]
     }
 
-    /// The stored values of the 3×3 pixels around the one at `place` in the bordered map, rows from the
-    /// top.
+    /// The stored values from a neighbour on, number 0 to 8 by row, of the pixel at `place` in the bordered
+    /// map.
     #[inline(always)]
-    pub(super) fn window(&self, place: usize) -> [[f32; 3]; 3] {
+    pub(super) fn from_neighbour(&self, place: usize, number: usize) -> &'a [f32] {
         let first = place - self.stride - 1 - self.before;
-        std::array::from_fn(|row| {
-            let start = first + row * self.stride;
-            let three = self.values[start..].first_chunk();
-            three.copied().unwrap_or_default()
-        })
+        &self.values[first + number / 3 * self.stride + number % 3..]
     }
 }
 
@@ -159,7 +155,11 @@ mod tests {
                 assert_eq!(band.row(row), whole.row(row));
                 for column in 0..150 {
                     let place = (row + 1) * 152 + column + 1;
-                    assert_eq!(band.window(place), whole.around(column, row));
+                    for (number, value) in
+                        whole.around(column, row).as_flattened().iter().enumerate()
+                    {
+                        assert_eq!(band.from_neighbour(place, number)[0], *value);
+                    }
                 }
             }
         }

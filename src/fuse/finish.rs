@@ -10,10 +10,12 @@ use super::consensus::Consensus;
 use super::geometry::unprojection;
 use super::kernel::{BLOCK, Block, Seen};
 use super::samples::Unit;
+use super::source::Photo;
 use crate::ahead::prefetch;
 use glam::{DMat3, DVec3, Vec3};
-use mvs_datasets::scene::{ColorImage, View};
+use mvs_datasets::scene::View;
 use pulp::{Simd, WithSimd};
+use std::ops::Range;
 
 /// From a view's pixels, and planes in its inverse depth, to the world.
 pub(super) struct Frame {
@@ -22,6 +24,8 @@ pub(super) struct Frame {
     /// By column, −R⁻¹·Kᵀ: (a, b, c) of 1/d = a·u + b·v + c to a normal that faces the camera.
     normal: [[f64; 3]; 3],
     center: [f64; 3],
+    /// Mean focal length in pixels.
+    focal: f64,
 }
 
 impl Frame {
@@ -32,6 +36,7 @@ impl Frame {
             ray: (turn * unprojection(view)).to_cols_array_2d(),
             normal: (-(turn * view.camera.intrinsics().transpose())).to_cols_array_2d(),
             center: view.pose.center_in_world().to_array(),
+            focal: 0.5 * (view.camera.focal().x + view.camera.focal().y),
         }
     }
 }
@@ -39,6 +44,8 @@ impl Frame {
 /// Room for a block's columns; entries of pixels that are not kept mean nothing.
 pub(super) struct Room {
     position: [[f64; BLOCK]; 3],
+    /// Depth over focal length.
+    scale: [f32; BLOCK],
     /// Stored values of the 3×3 pixels around each, rows from the top.
     windows: [[f32; BLOCK]; 9],
     normal: [[f32; BLOCK]; 3],
@@ -54,6 +61,7 @@ impl Room {
     pub(super) fn new(sources: usize) -> Self {
         Self {
             position: [[0.0; BLOCK]; 3],
+            scale: [0.0; BLOCK],
             windows: [[1.0; BLOCK]; 9],
             normal: [[0.0; BLOCK]; 3],
             whole: [0; BLOCK],
@@ -68,18 +76,46 @@ impl Room {
         DVec3::new(x[i], y[i], z[i])
     }
 
+    /// Positions of a run.
+    pub(super) fn positions(&self, run: &Run) -> impl ExactSizeIterator<Item = DVec3> {
+        let [x, y, z] = self.position.each_ref().map(|axis| &axis[run.clone()]);
+        let places = x.iter().zip(y).zip(z);
+        places.map(|((&x, &y), &z)| DVec3::new(x, y, z))
+    }
+
+    /// What a pixel spans at each point of a run.
+    pub(super) fn scales(&self, run: &Run) -> &[f32] {
+        &self.scale[run.clone()]
+    }
+
+    /// The normals of a run by whole windows; `None` where one has gaps.
+    pub(super) fn normals(&self, run: &Run) -> Option<impl ExactSizeIterator<Item = Vec3>> {
+        let whole = self.whole[run.clone()]
+            .iter()
+            .fold(1, |all, whole| all & whole);
+        let [x, y, z] = self.normal.each_ref().map(|axis| &axis[run.clone()]);
+        let all = x.iter().zip(y).zip(z);
+        (whole == 1).then(|| all.map(|((&x, &y), &z)| Vec3::new(x, y, z)))
+    }
+
     /// The normal by the whole window; `None` where that has gaps.
     pub(super) fn normal(&self, i: usize) -> Option<Vec3> {
         let [x, y, z] = &self.normal;
         (self.whole[i] == 1).then(|| Vec3::new(x[i], y[i], z[i]))
     }
 
-    /// Copies the window around each of the `kept` pixels.
-    pub(super) fn copy_windows(&mut self, kept: &[usize], block: &Block, map: Rows<'_>) {
-        for &i in kept {
-            let window = map.window(block.place[i] as usize);
-            for (at, &value) in window.as_flattened().iter().enumerate() {
-                self.windows[at][i] = value;
+    /// Copies the windows around the pixels of `runs`, which come in order: what is copied past the end of one
+    /// is overwritten by the next, or means nothing.
+    pub(super) fn copy_windows(&mut self, runs: &[Run], block: &Block, map: Rows<'_>) {
+        for run in runs {
+            let place = block.place[run.start] as usize;
+            for (at, windows) in self.windows.iter_mut().enumerate() {
+                let from = map.from_neighbour(place, at);
+                let to = &mut windows[run.start..];
+                match (from.first_chunk::<STEP>(), to.first_chunk_mut::<STEP>()) {
+                    (Some(from), Some(to)) if run.len() <= STEP => *to = *from,
+                    _ => to[..run.len()].copy_from_slice(&from[..run.len()]),
+                }
             }
         }
     }
@@ -90,29 +126,36 @@ impl Room {
     }
 
     /// Begins the means of colours with the reference's own.
-    pub(super) fn own_colors(&mut self, kept: &[usize], color: impl Fn(usize) -> [u8; 3]) {
+    pub(super) fn own_colors(&mut self, runs: &[Run], color: impl Fn(usize) -> [u8; 3]) {
         self.colored = [1; BLOCK];
-        for &i in kept {
-            let own = color(i);
-            for channel in 0..3 {
-                self.sums[channel][i] = u32::from(own[channel]);
+        for run in runs {
+            for i in run.clone() {
+                let own = color(i);
+                for channel in 0..3 {
+                    self.sums[channel][i] = u32::from(own[channel]);
+                }
             }
         }
     }
 
-    /// Asks for the texels of a source's `image`, which are to be fetched later.
-    pub(super) fn ask(&self, source: usize, kept: &[usize], image: &ColorImage) {
-        for &i in kept {
-            prefetch(image.values(), self.texels[source][i] as usize);
+    /// Asks for the texels of a source's `photo`, which are to be fetched later.
+    pub(super) fn ask(&self, source: usize, runs: &[Run], photo: &Photo) {
+        let (texels, values) = (&self.texels[source], photo.part.values());
+        for run in runs {
+            for &texel in &texels[run.clone()] {
+                prefetch(values, texel as usize);
+            }
         }
     }
 
     /// Replaces the places of a source's texels by their colours.
-    pub(super) fn fetch(&mut self, source: usize, kept: &[usize], image: &ColorImage) {
-        let texels = &mut self.texels[source];
-        for &i in kept {
-            let [red, green, blue] = image.values()[texels[i] as usize];
-            texels[i] = u32::from_le_bytes([red, green, blue, 0]);
+    pub(super) fn fetch(&mut self, source: usize, runs: &[Run], photo: &Photo) {
+        let (texels, values) = (&mut self.texels[source], photo.part.values());
+        for run in runs {
+            for texel in &mut texels[run.clone()] {
+                let [red, green, blue] = values[*texel as usize];
+                *texel = u32::from_le_bytes([red, green, blue, 0]);
+            }
         }
     }
 
@@ -121,6 +164,12 @@ impl Room {
         [red, green, blue].map(|channel| channel[i].to_le_bytes()[0])
     }
 }
+
+/// Entries of a block whose pixels lie side by side in a row.
+pub(super) type Run = Range<usize>;
+
+/// Windows that are copied at a time.
+const STEP: usize = 16;
 
 /// Where the block's points lie: at the fused depths.
 pub(super) struct Place<'a> {
@@ -134,6 +183,7 @@ impl WithSimd for Place<'_> {
     type Output = ();
 
     #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
     fn with_simd<S: Simd>(self, _: S) {
         let (block, [a, b, c]) = (self.block, self.frame.ray);
         for axis in 0..3 {
@@ -145,6 +195,10 @@ impl WithSimd for Place<'_> {
                 let direction = a[axis].mul_add(u, b[axis].mul_add(v, c[axis]));
                 to[i] = depth.mul_add(direction, center);
             }
+        }
+        for i in 0..BLOCK {
+            let depth = f64::from(block.depth[i]) + f64::from(self.consensus.delta[i]);
+            self.room.scale[i] = (depth / self.frame.focal) as f32;
         }
     }
 }
@@ -243,11 +297,13 @@ impl Face<'_> {
     }
 }
 
-/// Where a source's photograph shows the block: its nearest pixels, clamped to the image.
+/// Where a source's photograph shows the block: its nearest pixels, clamped to the part at hand.
 pub(super) struct Locate<'a> {
     pub(super) seen: &'a Seen,
     /// Pixels of the image per pixel of the depth map.
     pub(super) scale: [f32; 2],
+    /// Column and row of the part, and its size.
+    pub(super) corner: (u32, u32),
     pub(super) size: (u32, u32),
     /// The number of the source, and room.
     pub(super) to: (usize, &'a mut Room),
@@ -260,12 +316,14 @@ impl WithSimd for Locate<'_> {
     #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
     fn with_simd<S: Simd>(self, _: S) {
         let (seen, [wide, high]) = (self.seen, self.scale);
+        let (left, top) = (self.corner.0 as f32, self.corner.1 as f32);
         let (width, height) = self.size;
         let texels = &mut self.to.1.texels[self.to.0];
         let (last_column, last_row) = ((width - 1) as f32, (height - 1) as f32);
         for i in 0..BLOCK {
-            let column = whole((seen.x[i] - 0.5) * wide, last_column);
-            let row = whole((seen.y[i] - 0.5) * high, last_row);
+            // Exact where it lies in the part: the difference has no more digits than the position.
+            let column = whole((seen.x[i] - 0.5) * wide - left, last_column);
+            let row = whole((seen.y[i] - 0.5) * high - top, last_row);
             texels[i] = seen.agrees[i] * (row * width + column);
         }
     }

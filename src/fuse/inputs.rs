@@ -20,13 +20,12 @@ pub trait DepthMaps: Sync {
     fn sources(&self, index: usize) -> &[usize];
     /// The estimated z-depth.
     fn depth(&self, index: usize) -> Result<DepthMap>;
-    /// Calls `take(row, depths)` for every row of [`DepthMaps::depth`], from the top, after a check of its
-    /// size.
-    fn depth_rows(&self, index: usize, take: &mut dyn FnMut(usize, &[f32])) -> Result<()> {
+    /// Calls `take(row, first column, depths)` for runs of columns of [`DepthMaps::depth`], row by row from the
+    /// top, after a check of its size. Where there is no run, there is no depth.
+    fn depth_runs(&self, index: usize, take: &mut dyn FnMut(usize, usize, &[f32])) -> Result<()> {
         let depth = self.depth(index)?;
         check_size(self.view(index), depth.size(), "depth map")?;
-        let rows = depth.raster().rows().enumerate();
-        rows.for_each(|(row, depths)| take(row, depths));
+        take_rows(&depth, take);
         Ok(())
     }
     /// Confidence per pixel, of the depth map's size.
@@ -39,16 +38,11 @@ pub trait DepthMaps: Sync {
         wanted: &dyn Fn(usize) -> Range<usize>,
         to: &mut [f32],
     ) -> Result<bool> {
-        let Some(confidence) = self.confidence(index)? else {
-            return Ok(false);
-        };
-        check_size(self.view(index), confidence.size(), "confidence")?;
-        let width = confidence.width() as usize;
-        for (row, values) in confidence.rows().enumerate() {
-            let wanted = wanted(row);
-            to[row * width..][wanted.clone()].copy_from_slice(&values[wanted]);
+        let confidence = self.confidence(index)?;
+        if let Some(confidence) = &confidence {
+            check_size(self.view(index), confidence.size(), "confidence")?;
         }
-        Ok(true)
+        Ok(put_parts(confidence.as_ref(), wanted, to))
     }
     /// Which pixels count, of the depth map's size.
     fn mask(&self, _index: usize) -> Result<Option<Mask>> {
@@ -64,6 +58,35 @@ pub trait DepthMaps: Sync {
     fn has_images(&self) -> bool;
     /// Whether every view has confidence.
     fn has_confidence(&self) -> bool;
+}
+
+/// Calls `take(row, first column, depths)` for the runs of 64 columns in which there are depths.
+pub(crate) fn take_rows(depth: &DepthMap, take: &mut dyn FnMut(usize, usize, &[f32])) {
+    for (row, depths) in depth.raster().rows().enumerate() {
+        for (run, depths) in depths.chunks(RUN).enumerate() {
+            if depths.iter().any(|&depth| depth > 0.0) {
+                take(row, run * RUN, depths);
+            }
+        }
+    }
+}
+
+const RUN: usize = 64;
+
+/// Puts the `wanted` columns of every row where they belong in `to`; false without a map.
+pub(crate) fn put_parts(
+    map: Option<&Raster<f32>>,
+    wanted: &dyn Fn(usize) -> Range<usize>,
+    to: &mut [f32],
+) -> bool {
+    let Some(map) = map else {
+        return false;
+    };
+    for (row, values) in map.rows().enumerate() {
+        let wanted = wanted(row);
+        to[row * values.len()..][wanted.clone()].copy_from_slice(&values[wanted]);
+    }
+    true
 }
 
 impl DepthMaps for &[Estimate] {

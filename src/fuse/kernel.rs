@@ -72,6 +72,16 @@ impl Block {
         self.v[at] as usize
     }
 
+    /// The column of a pixel.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "half a pixel beyond a column's border"
+    )]
+    pub(super) fn column(&self, at: usize) -> usize {
+        self.u[at] as usize
+    }
+
     pub(super) fn is_full(&self) -> bool {
         self.len == BLOCK
     }

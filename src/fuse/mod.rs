@@ -41,6 +41,7 @@ mod voxels;
 pub use counts::FuseCounts;
 pub use engine::{FuseInputs, columns, fuse_maps};
 pub use inputs::{DepthMaps, MemoryScratch, Scratch};
+pub(crate) use inputs::{put_parts, take_rows};
 pub use options::{Colors, FuseMode, FuseOptions, Sampling, Visibility};
 pub use points::{Columns, PointSink, Points};
 pub use reference::Region;

@@ -4,7 +4,7 @@
 use super::confident::{Confident, Rows};
 use super::consensus::Consensus;
 use super::counts::FuseCounts;
-use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room};
+use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room, Run};
 use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
@@ -12,7 +12,8 @@ use super::points::{Columns, Points};
 use super::rules::{Against, Bounds, Case, Court, Rule, Verdict};
 use super::samples::Samples;
 use super::sampling;
-use super::source::{Source, SourceImage};
+use super::source::{Photo, Source, SourceImage};
+use crate::ahead::prefetch;
 use glam::{DVec2, DVec3, Vec3};
 use mvs_datasets::scene::{ColorImage, NormalMap, Raster, View};
 use pulp::Arch;
@@ -21,6 +22,9 @@ use std::sync::Arc;
 
 /// Columns of a strip.
 const STRIP: usize = 16;
+
+/// One in so many pixels of a block is asked for ahead: its neighbours lie in the same cache line or near.
+const ASKED: usize = 8;
 
 /// Tells whether a world point is wanted.
 pub type Region<'a> = dyn Fn(DVec3) -> bool + Sync + 'a;
@@ -59,7 +63,7 @@ pub(super) struct Finish<'a> {
     /// The sources' centres in the world.
     pub(super) centers: Vec<DVec3>,
     pub(super) columns: Columns,
-    pub(super) image: Option<Arc<ColorImage>>,
+    pub(super) photo: Option<Arc<Photo>>,
     pub(super) confidence: Option<Raster<f32>>,
     pub(super) normals: Option<NormalMap>,
     pub(super) region: Option<&'a Region<'a>>,
@@ -72,20 +76,25 @@ impl Reference<'_> {
         let first = (rows.start + 1) * self.samples.stride();
         let mut counts = FuseCounts::default();
         let unit = self.samples.unit();
-        self.for_each_block(rows, Rows::all(&self.samples), |block, _, consensus| {
-            let mut fused = [0.0; BLOCK];
-            let depths = block.depth.iter().zip(&consensus.delta);
-            for (fused, (depth, delta)) in fused.iter_mut().zip(depths) {
-                *fused = unit.convert(depth + delta);
-            }
-            for i in 0..block.len {
-                if consensus.enough[i] {
-                    stored[block.place[i] as usize - first] = fused[i];
-                } else {
-                    counts.inconsistent += 1;
+        self.for_each_block(
+            rows,
+            Rows::all(&self.samples),
+            |_| (),
+            |block, _, consensus| {
+                let mut fused = [0.0; BLOCK];
+                let depths = block.depth.iter().zip(&consensus.delta);
+                for (fused, (depth, delta)) in fused.iter_mut().zip(depths) {
+                    *fused = unit.convert(depth + delta);
                 }
-            }
-        });
+                for i in 0..block.len {
+                    if consensus.enough[i] {
+                        stored[block.place[i] as usize - first] = fused[i];
+                    } else {
+                        counts.inconsistent += 1;
+                    }
+                }
+            },
+        );
         counts
     }
 
@@ -98,7 +107,7 @@ impl Reference<'_> {
             return;
         }
         let mut counts = FuseCounts::default();
-        let mut kept = Vec::with_capacity(BLOCK);
+        let mut runs = Vec::with_capacity(BLOCK);
         let mut room = Room::new(self.sources.len());
         let own = match &self.confident {
             Some(confident) => {
@@ -109,42 +118,78 @@ impl Reference<'_> {
             }
             None => Rows::all(&self.samples),
         };
-        self.for_each_block(rows.clone(), own, |block, seen, consensus| {
+        let ahead = |block: &Block| self.ask(block, finish);
+        self.for_each_block(rows.clone(), own, ahead, |block, seen, consensus| {
             self.place((block, seen, consensus), finish, &mut room);
-            kept.clear();
-            for i in 0..block.len {
-                let wanted = |wanted: &Region<'_>| wanted(room.position(i));
-                let fate = if !consensus.enough[i] {
-                    &mut counts.inconsistent
-                } else if self.options.guard && consensus.violations[i] > consensus.count[i] {
-                    &mut counts.contradicted
-                } else if finish.region.is_none_or(wanted) {
-                    kept.push(i);
-                    &mut counts.fused
-                } else {
-                    &mut counts.outside
-                };
-                *fate += 1;
-            }
-            if kept.is_empty() {
+            self.judge((block, consensus), (finish, &room), &mut counts, &mut runs);
+            if runs.is_empty() {
                 return;
             }
-            self.describe(&kept, (block, seen), (finish, own), &mut room);
-            let row = |i: usize| block.row(i);
-            for run in kept.chunk_by(|&a, &b| row(a) == row(b)) {
-                let points = &mut band.rows[row(run[0]) - rows.start];
+            self.describe(&runs, (block, seen), (finish, own), &mut room);
+            for run in &runs {
+                let points = &mut band.rows[block.row(run.start) - rows.start];
                 self.add(run, (block, seen, consensus), (finish, &room), points);
             }
         });
         band.counts = counts;
     }
 
-    /// Calls `f` with every block of pixels that have a depth, and what the sources say. Blocks are
-    /// taken from the rows of one strip of columns after the other.
+    /// Asks for what finished points of the block need of the reference itself.
+    fn ask(&self, block: &Block, finish: &Finish<'_>) {
+        let photo = finish
+            .photo
+            .as_ref()
+            .filter(|photo| self.is_as_large(photo));
+        let confidences = self.confidences(finish);
+        for i in (0..block.len).step_by(ASKED) {
+            if let Some(photo) = photo {
+                prefetch(
+                    photo.part.values(),
+                    photo.place(block.column(i), block.row(i)),
+                );
+            }
+            if let Some(confidences) = confidences {
+                prefetch(confidences, block.pixel[i] as usize);
+            }
+        }
+    }
+
+    /// Puts into `runs` which entries become points, and counts what becomes of all.
+    fn judge(
+        &self,
+        (block, consensus): (&Block, &Consensus),
+        (finish, room): (&Finish<'_>, &Room),
+        counts: &mut FuseCounts,
+        runs: &mut Vec<Run>,
+    ) {
+        runs.clear();
+        for i in 0..block.len {
+            let wanted = |wanted: &Region<'_>| wanted(room.position(i));
+            if !consensus.enough[i] {
+                counts.inconsistent += 1;
+            } else if self.options.guard && consensus.violations[i] > consensus.count[i] {
+                counts.contradicted += 1;
+            } else if finish.region.is_none_or(wanted) {
+                counts.fused += 1;
+                match runs.last_mut() {
+                    Some(run) if run.end == i && block.place[i - 1] + 1 == block.place[i] => {
+                        run.end += 1;
+                    }
+                    _ => runs.push(i..i + 1),
+                }
+            } else {
+                counts.outside += 1;
+            }
+        }
+    }
+
+    /// Calls `f` with every block of pixels that have a depth, and what the sources say; `ahead` with the block
+    /// before they are asked. Blocks are taken from the rows of one strip of columns after the other.
     fn for_each_block(
         &self,
         rows: Range<usize>,
         own: Rows<'_>,
+        ahead: impl Fn(&Block),
         mut f: impl FnMut(&Block, &[Seen], &Consensus),
     ) {
         fn against(source: &Source) -> Against<'_> {
@@ -166,6 +211,7 @@ impl Reference<'_> {
         let mut verdict = Verdict::new(sources.len());
         let arch = Arch::new();
         let mut finish = |block: &mut Block| {
+            ahead(block);
             for depth in &mut block.depth {
                 *depth = self.samples.unit().convert(*depth);
             }
@@ -231,16 +277,16 @@ impl Reference<'_> {
         }
     }
 
-    /// Finds normals and colours of the `kept` entries.
+    /// Finds normals and colours of the entries in `runs`.
     fn describe(
         &self,
-        kept: &[usize],
+        runs: &[Run],
         (block, seen): (&Block, &[Seen]),
         (finish, own): (&Finish<'_>, Rows<'_>),
         room: &mut Room,
     ) {
         if finish.columns.has(Columns::NORMALS) && finish.normals.is_none() {
-            room.copy_windows(kept, block, own);
+            room.copy_windows(runs, block, own);
             Arch::new().dispatch(Face {
                 frame: &finish.frame,
                 block,
@@ -249,34 +295,31 @@ impl Reference<'_> {
                 room,
             });
         }
-        if let (true, Some(image)) = (finish.columns.has(Columns::COLORS), &finish.image) {
-            self.mix_colors(kept, (block, seen), image, room);
+        if let (true, Some(photo)) = (finish.columns.has(Columns::COLORS), &finish.photo)
+            && !self.copies_colors(photo)
+        {
+            self.mix_colors(runs, (block, seen), photo, room);
         }
     }
 
-    /// Adds a `run` of entries of one row, which are described, as points.
+    /// Adds a run of entries, which are described, as points.
     fn add(
         &self,
-        run: &[usize],
+        run: &Run,
         (block, seen, consensus): (&Block, &[Seen], &Consensus),
         (finish, room): (&Finish<'_>, &Room),
         points: &mut Points,
     ) {
-        let run_of = || run.iter().copied();
-        points.positions.extend(run_of().map(|i| room.position(i)));
-        let views = run_of().map(|i| consensus.count[i] + 1);
-        points.view_counts.extend(views);
-        let violations = run_of().map(|i| consensus.violations[i]);
-        points.violations.extend(violations);
-        let focal = 0.5 * (self.view.camera.focal().x + self.view.camera.focal().y);
-        #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
-        let scale = |i: usize| {
-            let fused = f64::from(block.depth[i]) + f64::from(consensus.delta[i]);
-            (fused / focal) as f32
-        };
-        points.scales.extend(run_of().map(scale));
+        points.positions.extend(room.positions(run));
+        let counts = &consensus.count[run.clone()];
+        points
+            .view_counts
+            .extend(counts.iter().map(|count| count + 1));
+        let violations = &consensus.violations[run.clone()];
+        points.violations.extend_from_slice(violations);
+        points.scales.extend_from_slice(room.scales(run));
         if finish.columns.has(Columns::VISIBLE) {
-            for i in run_of() {
+            for i in run.clone() {
                 points.visible_in.push(number(self.number));
                 let pairs = self.sources.iter().zip(seen);
                 let agreeing = pairs.filter(|(_, seen)| seen.agrees[i] == 1);
@@ -285,23 +328,52 @@ impl Reference<'_> {
             }
         }
         if finish.columns.has(Columns::NORMALS) {
-            let normal = |i: usize| self.normal(i, block, finish, room);
-            points.normals.extend(run_of().map(normal));
+            match room.normals(run).filter(|_| finish.normals.is_none()) {
+                Some(normals) => points.normals.extend(normals),
+                None => {
+                    let normal = |i: usize| self.normal(i, block, finish, room);
+                    points.normals.extend(run.clone().map(normal));
+                }
+            }
         }
         if finish.columns.has(Columns::COLORS) {
-            // White without an image.
-            let color = |i: usize| finish.image.as_ref().map_or([255; 3], |_| room.color(i));
-            points.colors.extend(run_of().map(color));
+            match &finish.photo {
+                Some(photo) if self.copies_colors(photo) => {
+                    let first = photo.place(block.column(run.start), block.row(run.start));
+                    let colors = &photo.part.values()[first..first + run.len()];
+                    points.colors.extend_from_slice(colors);
+                }
+                Some(_) => points.colors.extend(run.clone().map(|i| room.color(i))),
+                // White without an image.
+                None => points.colors.extend(run.clone().map(|_| [255; 3])),
+            }
         }
         if finish.columns.has(Columns::CONFIDENCES) {
-            let own = self
-                .confident
-                .as_ref()
-                .map(|own| own.confidences.as_slice());
-            let confidence = own.or(finish.confidence.as_ref().map(Raster::values));
-            let of = |i: usize| confidence.map_or(1.0, |map| map[block.pixel[i] as usize]);
-            points.confidences.extend(run_of().map(of));
+            let first = block.pixel[run.start] as usize;
+            match self.confidences(finish) {
+                Some(map) => points
+                    .confidences
+                    .extend_from_slice(&map[first..first + run.len()]),
+                None => points.confidences.extend(run.clone().map(|_| 1.0)),
+            }
         }
+    }
+
+    /// The reference's confidences, row-major.
+    fn confidences<'a>(&'a self, finish: &'a Finish<'_>) -> Option<&'a [f32]> {
+        let own = self.confident.as_ref();
+        let own = own.map(|own| own.confidences.as_slice());
+        own.or(finish.confidence.as_ref().map(Raster::values))
+    }
+
+    /// Whether a photograph has the size of the depth map.
+    fn is_as_large(&self, photo: &Photo) -> bool {
+        photo.size == (self.view.camera.width(), self.view.camera.height())
+    }
+
+    /// Whether points have the colours of pixels of the reference's photograph.
+    fn copies_colors(&self, photo: &Photo) -> bool {
+        self.options.colors == Colors::Reference && self.is_as_large(photo)
     }
 
     /// The given normal or the fitted one, in the world; zero where there is none.
@@ -323,41 +395,45 @@ impl Reference<'_> {
         })
     }
 
-    /// Mixes the colours of the reference's image, or the means over all images that agree: the
-    /// reference's bilinear, a source's at its nearest pixel.
+    /// Mixes the colours of the reference's photograph, or the means over all that agree: the reference's
+    /// bilinear, a source's at its nearest pixel.
     fn mix_colors(
         &self,
-        kept: &[usize],
+        runs: &[Run],
         (block, seen): (&Block, &[Seen]),
-        image: &ColorImage,
+        photo: &Photo,
         room: &mut Room,
     ) {
-        if image.size() == (self.view.camera.width(), self.view.camera.height()) {
-            room.own_colors(kept, |i| image.values()[block.pixel[i] as usize]);
+        if self.is_as_large(photo) {
+            let place = |i| photo.place(block.column(i), block.row(i));
+            room.own_colors(runs, |i| photo.part.values()[place(i)]);
         } else {
-            let scale = self.scale(image);
+            let scale = self.scale(&photo.part);
             let center = |i: usize| DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));
-            room.own_colors(kept, |i| sampling::color(image, center(i) * scale));
+            room.own_colors(runs, |i| sampling::color(&photo.part, center(i) * scale));
+        }
+        if self.options.colors == Colors::Reference {
+            return;
         }
         let arch = Arch::new();
         // Source by source, so that the fetches from its image do not wait for each other.
-        let all = self.options.colors == Colors::Mean;
         let images = || {
             let images = self.sources.iter().map(|source| source.image.as_ref());
-            let asked = images.zip(seen).enumerate().filter(|_| all);
+            let asked = images.zip(seen).enumerate();
             asked.filter_map(|(at, (image, seen))| Some((at, image?, seen)))
         };
-        for (at, SourceImage { image, scale }, seen) in images() {
+        for (at, SourceImage { photo, scale }, seen) in images() {
             arch.dispatch(Locate {
                 seen,
                 scale: *scale,
-                size: image.size(),
+                corner: photo.corner,
+                size: photo.part.size(),
                 to: (at, room),
             });
-            room.ask(at, kept, image);
+            room.ask(at, runs, photo);
         }
-        for (at, SourceImage { image, .. }, seen) in images() {
-            room.fetch(at, kept, image);
+        for (at, SourceImage { photo, .. }, seen) in images() {
+            room.fetch(at, runs, photo);
             arch.dispatch(Add {
                 agrees: &seen.agrees,
                 to: (at, room),

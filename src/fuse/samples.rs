@@ -93,6 +93,20 @@ impl Samples {
         start as usize..end as usize
     }
 
+    /// The columns and rows beyond which there is no depth; `None` without any depth.
+    pub(super) fn filled(&self) -> Option<(Extent, Extent)> {
+        let rows = (0u32..).zip(self.extents.iter());
+        let mut filled = rows.filter(|(_, extent)| !extent.is_empty());
+        let (first, extent) = filled.next()?;
+        let mut columns = extent.clone();
+        let mut last = first;
+        for (row, extent) in filled {
+            columns = columns.start.min(extent.start)..columns.end.max(extent.end);
+            last = row;
+        }
+        Some((columns, first..last + 1))
+    }
+
     /// The values with the border, to be kept.
     pub(super) fn into_values(self) -> Vec<f32> {
         Arc::unwrap_or_clone(self.values)
@@ -210,20 +224,23 @@ pub(super) fn prepare(
     let size = (view.camera.width(), view.camera.height());
     let (width, height) = (size.0 as usize, size.1 as usize);
     let mut values = bordered(width, height);
+    let pixels = (width * height) as u64;
     let mut counts = FuseCounts {
-        pixels: (width * height) as u64,
+        pixels,
+        empty: pixels,
         ..FuseCounts::default()
     };
-    let mut extents = vec![0..size.0; height];
-    maps.depth_rows(index, &mut |row, from| {
-        let to = &mut values[(row + 1) * (width + 2) + 1..][..width];
+    let mut extents = vec![0..0; height];
+    maps.depth_runs(index, &mut |row, first, from| {
+        let to = &mut values[(row + 1) * (width + 2) + 1..][first..first + from.len()];
+        counts.empty -= from.len() as u64;
+        widen(&mut extents[row], first, from.len());
         if filter.passes_all() {
-            let (empty, extent) = convert_row(unit, from, to);
-            counts.empty += empty;
-            extents[row] = extent;
+            counts.empty += convert(unit, from, to);
             return;
         }
-        for (to, (pixel, &depth)) in to.iter_mut().zip((row * width..).zip(from)) {
+        let pixels = row * width + first..;
+        for (to, (pixel, &depth)) in to.iter_mut().zip(pixels.zip(from)) {
             *to = filter.keep(pixel, unit, depth, &mut counts);
         }
     })?;
@@ -239,30 +256,26 @@ pub(super) fn prepare(
     }
 }
 
-/// Puts the stored values of depths into `to`, which is all 0; how many have none, and the columns beyond
-/// which none has one. Where there are none at all nothing is written: pages of memory that nobody writes
-/// to cost nothing.
-#[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
-fn convert_row(unit: Unit, from: &[f32], to: &mut [f32]) -> (u64, Extent) {
-    let mut all = 0u64;
-    let mut extent: Option<Extent> = None;
-    for (run, (to, from)) in to.chunks_mut(RUN).zip(from.chunks(RUN)).enumerate() {
-        if is_empty(from) {
-            all += from.len() as u64;
-            continue;
-        }
-        let start = (run * RUN) as u32;
-        let first = extent.map_or(start, |extent| extent.start);
-        extent = Some(first..start + from.len() as u32);
-        let mut empty = 0u32;
-        for (to, &depth) in to.iter_mut().zip(from) {
-            let stored = unit.convert(depth);
-            empty += u32::from(stored <= 0.0);
-            *to = stored;
-        }
-        all += u64::from(empty);
+/// Puts the stored values of depths into `to`; how many have none.
+fn convert(unit: Unit, from: &[f32], to: &mut [f32]) -> u64 {
+    let mut empty = 0u32;
+    for (to, &depth) in to.iter_mut().zip(from) {
+        let stored = unit.convert(depth);
+        empty += u32::from(stored <= 0.0);
+        *to = stored;
     }
-    (all, extent.unwrap_or(0..0))
+    u64::from(empty)
+}
+
+/// Has `extent` hold a run of columns, too, which come in order.
+#[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
+fn widen(extent: &mut Extent, first: usize, len: usize) {
+    let start = if extent.start == extent.end {
+        first as u32
+    } else {
+        extent.start
+    };
+    *extent = start..(first + len) as u32;
 }
 
 /// `samples` of a view of this `confidence` through the last filter: without what has too little of it or
@@ -371,6 +384,9 @@ pub(super) fn threshold(confidence: &Raster<f32>, options: &FuseOptions) -> f32 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fuse::testing::arc;
+    use glam::DVec3;
+    use mvs_datasets::scene::DepthMap;
 
     #[test]
     fn samples_have_a_border_without_depth() {
@@ -386,15 +402,19 @@ mod tests {
 
     #[test]
     fn rows_know_where_their_depths_end() {
-        for (filled, expected) in [(0..0, 0..0), (70..75, 64..128), (3..140, 0..150)] {
-            let from: Vec<f32> = (0..150)
-                .map(|at| f32::from(u8::from(filled.contains(&at))))
-                .collect();
-            let mut to = vec![0.0; 150];
-            let (empty, extent) = convert_row(Unit::Depth, &from, &mut to);
-            assert_eq!((to, extent), (from, expected));
-            assert_eq!(empty, 150 - filled.len() as u64);
+        let filled = [0..0, 70..75, 3..140];
+        let depth = |at: usize| f32::from(u8::from(filled[at / 150].contains(&(at % 150))));
+        let depths: Vec<f32> = (0..450).map(depth).collect();
+        let surface = |_: &View, _| 1.0;
+        let mut estimates = arc(2, (150, 3), DVec3::ZERO, surface);
+        estimates[0].depth = DepthMap::from_values(150, 3, depths.clone()).unwrap().0;
+        let options = FuseOptions::default();
+        let samples = prepare(&estimates.as_slice(), 0, &options, Filters::Depth).unwrap();
+        assert_eq!(samples.extents().as_slice(), [0..0, 64..128, 0..150]);
+        for (row, depths) in depths.chunks(150).enumerate() {
+            assert_eq!(samples.row(row), depths);
         }
+        assert_eq!(samples.left_out().empty, 450 - 5 - 137);
     }
 
     #[test]

@@ -4,8 +4,10 @@ use super::kernel::Pair;
 use super::options::FuseOptions;
 use super::rules::disparity_scale;
 use super::samples::Samples;
+use crate::error::Result;
 use glam::DVec3;
 use mvs_datasets::scene::{ColorImage, View};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A source view, ready to be looked at from the reference.
@@ -23,19 +25,70 @@ pub(super) struct Source {
 
 /// A source's photograph and its pixels per pixel of the depth map.
 pub(super) struct SourceImage {
-    pub(super) image: Arc<ColorImage>,
+    pub(super) photo: Arc<Photo>,
     pub(super) scale: [f32; 2],
 }
 
 impl SourceImage {
     #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
-    pub(super) fn new(image: Arc<ColorImage>, samples: &Samples) -> Self {
+    pub(super) fn new(photo: Arc<Photo>, samples: &Samples) -> Self {
         let scale = [
-            image.width() as f32 / samples.width() as f32,
-            image.height() as f32 / samples.height() as f32,
+            photo.size.0 as f32 / samples.width() as f32,
+            photo.size.1 as f32 / samples.height() as f32,
         ];
-        Self { image, scale }
+        Self { photo, scale }
     }
+}
+
+/// A photograph, or the part of it that points can ask for.
+#[derive(Debug, PartialEq)]
+pub(super) struct Photo {
+    /// Of the whole.
+    pub(super) size: (u32, u32),
+    /// Column and row of the part in it.
+    pub(super) corner: (u32, u32),
+    pub(super) part: ColorImage,
+}
+
+/// Pixels around those with depth that are kept: what agrees with a sample lies at most one away.
+const MARGIN: u32 = 2;
+
+impl Photo {
+    /// Of one with the size of its view's depth map what lies around depths, else all.
+    pub(super) fn new(image: ColorImage, samples: &Samples) -> Result<Self> {
+        let size = image.size();
+        let same = (size.0 as usize, size.1 as usize) == (samples.width(), samples.height());
+        let (columns, rows) = match samples.filled() {
+            Some((columns, rows)) if same => (around(columns, size.0), around(rows, size.1)),
+            _ => (0..size.0, 0..size.1),
+        };
+        let corner = (columns.start, rows.start);
+        let wanted = (columns.end - columns.start, rows.end - rows.start);
+        if wanted == size {
+            return Ok(Self {
+                size,
+                corner,
+                part: image,
+            });
+        }
+        let mut part = Vec::with_capacity(wanted.0 as usize * wanted.1 as usize);
+        for row in rows {
+            let first = row as usize * size.0 as usize + columns.start as usize;
+            part.extend_from_slice(&image.values()[first..first + wanted.0 as usize]);
+        }
+        let part = ColorImage::from_values(wanted.0, wanted.1, part)?;
+        Ok(Self { size, corner, part })
+    }
+
+    /// The place in the part of a pixel of the whole that lies in it.
+    pub(super) fn place(&self, column: usize, row: usize) -> usize {
+        let (left, top) = (self.corner.0 as usize, self.corner.1 as usize);
+        (row - top) * self.part.width() as usize + column - left
+    }
+}
+
+fn around(filled: Range<u32>, size: u32) -> Range<u32> {
+    filled.start.saturating_sub(MARGIN)..(filled.end + MARGIN).min(size)
 }
 
 impl Source {
@@ -52,6 +105,37 @@ impl Source {
             image: None,
             center: view.pose.center_in_world(),
             disparity: disparity_scale(reference, view, options),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fuse::samples::Unit;
+
+    #[test]
+    fn of_a_photograph_only_what_lies_around_depths_is_kept() {
+        let values: Vec<[u8; 3]> = (0..120u8).map(|at| [at, 1, 2]).collect();
+        let image = ColorImage::from_values(12, 10, values).unwrap();
+        let mut extents = vec![0..0; 10];
+        (extents[4], extents[6]) = (5..7, 4..6);
+        let samples = |size: (u32, u32)| {
+            let none = vec![0.0; (size.0 * size.1) as usize];
+            Samples::new(size, Unit::Depth, &none)
+        };
+        let narrow = samples((12, 10)).within(Arc::new(extents));
+        let photo = Photo::new(image.clone(), &narrow).unwrap();
+        assert_eq!((photo.size, photo.corner), ((12, 10), (2, 2)));
+        assert_eq!(photo.part.size(), (7, 7));
+        for (column, row) in [(2u32, 2u32), (8, 8), (5, 4)] {
+            let found = photo.part.values()[photo.place(column as usize, row as usize)];
+            assert_eq!(found, image.get(column, row));
+        }
+        let nothing = samples((12, 10)).within(Arc::new(vec![0..0; 10]));
+        for samples in [samples((12, 10)), nothing, samples((6, 5))] {
+            let photo = Photo::new(image.clone(), &samples).unwrap();
+            assert_eq!((photo.corner, &photo.part), ((0, 0), &image));
         }
     }
 }

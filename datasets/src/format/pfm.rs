@@ -51,25 +51,75 @@ fn read_whole(bytes: &[u8]) -> Result<(Header, &[u8]), FormatError> {
     Ok((header, body))
 }
 
-/// Calls `take(row, values)` for every row, from the top, of a one-channel PFM of this size, without
-/// holding more than one. Values are as stored; what `take` makes of them is overwritten by the next.
-pub fn gray_rows(
+/// Columns that [`gray_runs`] takes together.
+const RUN: usize = 64;
+
+/// Calls `take(row, first column, values)` for the runs of columns, row by row from the top, of a one-channel
+/// PFM of this size in which there is anything but zeros. Values are as stored; what `take` makes of them is
+/// overwritten by the next.
+pub fn gray_runs(
     bytes: &[u8],
     size: (u32, u32),
-    mut take: impl FnMut(usize, &mut [f32]),
+    mut take: impl FnMut(usize, usize, &mut [f32]),
 ) -> Result<(), FormatError> {
-    let all = |_| 0..size.0 as usize;
-    gray_parts(bytes, size, all, |row, _, values| take(row, values))
+    let (header, body) = read_gray_of(bytes, size)?;
+    let mut values = [0.0; RUN];
+    for (row, bytes) in body.rchunks_exact((4 * size.0 as usize).max(1)).enumerate() {
+        for (run, bytes) in bytes.chunks(4 * RUN).enumerate() {
+            if is_zero(bytes) {
+                continue;
+            }
+            let values = &mut values[..bytes.len() / 4];
+            header.convert(bytes.as_chunks().0, values);
+            take(row, run * RUN, values);
+        }
+    }
+    Ok(())
 }
 
-/// As [`gray_rows`], of every row the `wanted` columns only: `take(row, columns, values)`. What is not wanted
-/// is not looked at.
+/// Whether all bytes are 0.
+fn is_zero(bytes: &[u8]) -> bool {
+    let (words, rest) = bytes.as_chunks::<8>();
+    let bits = words
+        .iter()
+        .fold(0, |bits, word| bits | u64::from_ne_bytes(*word));
+    bits == 0 && rest.iter().all(|&byte| byte == 0)
+}
+
+/// Calls `take(row, columns, values)` with the `wanted` columns of every row, from the top, of a one-channel
+/// PFM of this size. Values are as stored; what is not wanted is not looked at.
 pub fn gray_parts(
     bytes: &[u8],
     size: (u32, u32),
     wanted: impl Fn(usize) -> Range<usize>,
-    mut take: impl FnMut(usize, Range<usize>, &mut [f32]),
+    mut take: impl FnMut(usize, Range<usize>, &[f32]),
 ) -> Result<(), FormatError> {
+    let (header, body) = read_gray_of(bytes, size)?;
+    let mut values = vec![0.0; size.0 as usize];
+    for (row, bytes) in body.rchunks_exact((4 * values.len()).max(1)).enumerate() {
+        let columns = wanted(row);
+        let floats = &bytes.as_chunks().0[columns.clone()];
+        let values = &mut values[..floats.len()];
+        header.convert(floats, values);
+        take(row, columns, values);
+    }
+    Ok(())
+}
+
+impl Header {
+    /// Puts numbers as they are stored into `to`.
+    fn convert(&self, floats: &[[u8; 4]], to: &mut [f32]) {
+        let numbers = to.iter_mut().zip(floats);
+        if self.big_endian {
+            numbers.for_each(|(to, four)| *to = f32::from_be_bytes(*four));
+        } else {
+            numbers.for_each(|(to, four)| *to = f32::from_le_bytes(*four));
+        }
+    }
+}
+
+/// As [`read_whole`], of one channel and this size.
+fn read_gray_of(bytes: &[u8], size: (u32, u32)) -> Result<(Header, &[u8]), FormatError> {
     let (header, body) = read_whole(bytes)?;
     if header.color || (header.width, header.height) != size {
         let problem = format!(
@@ -82,20 +132,7 @@ pub fn gray_parts(
         );
         return Err(FormatError::new("header", problem));
     }
-    let mut values = vec![0.0; size.0 as usize];
-    for (row, bytes) in body.rchunks_exact((4 * values.len()).max(1)).enumerate() {
-        let columns = wanted(row);
-        let floats = &bytes.as_chunks::<4>().0[columns.clone()];
-        let values = &mut values[..floats.len()];
-        let numbers = values.iter_mut().zip(floats);
-        if header.big_endian {
-            numbers.for_each(|(to, four)| *to = f32::from_be_bytes(*four));
-        } else {
-            numbers.for_each(|(to, four)| *to = f32::from_le_bytes(*four));
-        }
-        take(row, columns, values);
-    }
-    Ok(())
+    Ok((header, body))
 }
 
 /// The body's numbers; generic, so that `float` is part of the loop.
@@ -283,32 +320,80 @@ mod tests {
             .collect()
     }
 
-    #[test]
-    fn row_by_row_gives_what_the_whole_gives() {
-        let values: Vec<f32> = (0..12).map(|value| value as f32 - 3.5).collect();
-        let raster = Raster::from_values(4, 3, values).unwrap();
+    /// A PFM of these numbers of either endianness.
+    fn both_ways(raster: &Raster<f32>) -> [Vec<u8>; 2] {
         let mut little = Vec::new();
-        write_gray(&mut little, &raster).unwrap();
-        let header = b"Pf\n4 3\n1.0\n";
-        let body = little[little.len() - 48..].as_chunks::<4>().0.iter();
-        let swapped = body.flat_map(|four| four.iter().rev().copied().collect::<Vec<u8>>());
-        let big: Vec<u8> = header.iter().copied().chain(swapped).collect();
-        for bytes in [little.as_slice(), big.as_slice()] {
-            let mut rows = Vec::new();
-            gray_rows(bytes, (4, 3), |row, values| {
-                assert_eq!(row, rows.len() / 4);
-                rows.extend_from_slice(values);
-                values.fill(f32::NAN); // must not be seen again
+        write_gray(&mut little, raster).unwrap();
+        let (width, height) = raster.size();
+        let mut big = format!("Pf\n{width} {height}\n1.0\n").into_bytes();
+        let body = &little[little.len() - 4 * raster.values().len()..];
+        big.extend(body.as_chunks::<4>().0.iter().flat_map(|four| {
+            let [a, b, c, d] = *four;
+            [d, c, b, a]
+        }));
+        [little, big]
+    }
+
+    /// 150 columns, so the last run is shorter; a run of zeros, one of a number, −0 and NaN among them.
+    fn gappy() -> Raster<f32> {
+        let mut raster = Raster::filled(150, 4, 0.0).unwrap();
+        for (column, row, value) in [
+            (3, 0, 1.5),
+            (149, 0, 2.0),
+            (64, 1, -0.0),
+            (127, 2, f32::NAN),
+        ] {
+            raster.set(column, row, value);
+        }
+        raster
+    }
+
+    #[test]
+    fn runs_are_what_is_not_zero_of_the_whole() {
+        for bytes in both_ways(&gappy()) {
+            let mut found = Raster::filled(150, 4, 0.0).unwrap();
+            let mut runs = Vec::new();
+            gray_runs(&bytes, (150, 4), |row, first, values| {
+                runs.push((row, first, values.len()));
+                for (at, value) in values.iter_mut().enumerate() {
+                    found.set((first + at) as u32, row as u32, *value);
+                    *value = 7.0; // must not be seen again
+                }
             })
             .unwrap();
-            assert_eq!(rows, read_gray(bytes).unwrap().values());
+            assert_eq!(runs, [(0, 0, 64), (0, 128, 22), (1, 64, 64), (2, 64, 64)]);
+            assert_eq!(bits(&found), bits(&gappy()));
         }
-        let refused = |size| {
-            let rows = gray_rows(&little, size, |_, _| {});
-            rows.unwrap_err().to_string()
-        };
-        assert!(refused((3, 4)).contains("expected one channel of 3x4, found one of 4x3"));
-        assert!(gray_rows(&little[..50], (4, 3), |_, _| {}).is_err());
+        let [little, _] = both_ways(&gappy());
+        let refused = |bytes: &[u8], size| gray_runs(bytes, size, |_, _, _| {}).unwrap_err();
+        let error = refused(&little, (4, 150)).to_string();
+        assert!(error.contains("expected one channel of 4x150, found one of 150x4"));
+        let error = refused(&little[..50], (150, 4)).to_string();
+        assert!(error.contains("bytes after the header, found"));
+    }
+
+    #[test]
+    fn parts_are_the_wanted_columns_of_every_row() {
+        let values: Vec<f32> = (0..12).map(|value| value as f32 - 3.5).collect();
+        let raster = Raster::from_values(4, 3, values).unwrap();
+        let wanted = |row: usize| [0..4, 2..2, 1..3][row].clone();
+        for bytes in both_ways(&raster) {
+            let mut found = Vec::new();
+            gray_parts(&bytes, (4, 3), wanted, |row, columns, values| {
+                found.push((row, columns, values.to_vec()));
+            })
+            .unwrap();
+            let expected = [
+                (0, 0..4, vec![-3.5, -2.5, -1.5, -0.5]),
+                (1, 2..2, vec![]),
+                (2, 1..3, vec![5.5, 6.5]),
+            ];
+            assert_eq!(found, expected);
+        }
+        let [little, _] = both_ways(&raster);
+        let refused = |bytes: &[u8], size| gray_parts(bytes, size, |_| 0..3, |_, _, _| {});
+        assert!(refused(&little, (3, 4)).is_err());
+        assert!(refused(&little[..50], (4, 3)).is_err());
     }
 
     #[test]

@@ -109,20 +109,21 @@ pub fn read_depth(path: &Path) -> Result<(DepthMap, RejectedDepths)> {
     Ok(DepthMap::clean(read_raster(path)?))
 }
 
-/// Calls `take(row, depths)` for every row, from the top, of a PFM depth map of this size.
-pub fn read_depth_rows(
+/// Calls `take(row, first column, depths)` for runs of columns, row by row from the top, of a PFM depth map of
+/// this size; where there is no run, there is no depth.
+pub fn read_depth_runs(
     path: &Path,
     size: (u32, u32),
-    take: &mut dyn FnMut(usize, &[f32]),
+    take: &mut dyn FnMut(usize, usize, &[f32]),
 ) -> Result<RejectedDepths> {
     let mut all = RejectedDepths::default();
     read_with(path, |bytes| {
-        format::pfm::gray_rows(bytes, size, |row, values| {
+        format::pfm::gray_runs(bytes, size, |row, first, values| {
             let rejected = DepthMap::clean_values(values);
             all.nan += rejected.nan;
             all.infinite += rejected.infinite;
             all.negative += rejected.negative;
-            take(row, values);
+            take(row, first, values);
         })
     })?;
     Ok(all)

@@ -12,8 +12,7 @@ use crate::fuse::points::Columns;
 use crate::fuse::reference::{Finish, Reference};
 use crate::fuse::rules::Rule;
 use crate::fuse::samples::{Filters, Samples, Unit, confidence, prepare};
-use crate::fuse::source::{Source, SourceImage};
-use mvs_datasets::scene::ColorImage;
+use crate::fuse::source::{Photo, Source, SourceImage};
 use std::sync::Arc;
 
 impl Engine<'_> {
@@ -83,20 +82,26 @@ impl Engine<'_> {
         &self,
         reference: &mut Reference<'_>,
         columns: Columns,
-        images: &mut Cache<ColorImage>,
+        images: &mut Cache<Photo>,
     ) -> Result<Finish<'_>> {
         let maps = self.inputs.maps;
         let index = reference.number;
-        let mut image = None;
+        let mut photo = None;
         if columns.has(Columns::COLORS) {
             let mut wanted = vec![index];
             if self.options.colors == Colors::Mean {
                 wanted.extend(reference.sources.iter().map(|source| source.number));
             }
-            let mut found = images.get(&wanted, |at| self.image(at))?.into_iter();
-            image = found.next();
-            for (source, image) in reference.sources.iter_mut().zip(found) {
-                source.image = Some(SourceImage::new(image, &source.samples));
+            let samples = |at: usize| {
+                let source = reference.sources.iter().find(|source| source.number == at);
+                source.map_or(&reference.samples, |source| &source.samples)
+            };
+            let mut found = images
+                .get(&wanted, |at| self.photo(at, samples(at)))?
+                .into_iter();
+            photo = found.next();
+            for (source, photo) in reference.sources.iter_mut().zip(found) {
+                source.image = Some(SourceImage::new(photo, &source.samples));
             }
         }
         let mut own = None;
@@ -117,19 +122,20 @@ impl Engine<'_> {
                 .map(|source| source.center)
                 .collect(),
             columns,
-            image,
+            photo,
             confidence: own,
             normals,
             region: self.inputs.region,
         })
     }
 
-    fn image(&self, index: usize) -> Result<(ColorImage, usize)> {
+    fn photo(&self, index: usize, samples: &Samples) -> Result<(Photo, usize)> {
         let Some(image) = self.inputs.maps.image(index)? else {
             let view = format!("view {}", self.inputs.maps.view(index).id);
             return Err(crate::Error::invalid(view, "expected an image, found none"));
         };
-        let bytes = image.values().len() * 3;
-        Ok((image, bytes))
+        let photo = Photo::new(image, samples)?;
+        let bytes = photo.part.values().len() * 3;
+        Ok((photo, bytes))
     }
 }

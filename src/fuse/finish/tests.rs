@@ -74,7 +74,7 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
     let view = random_view(&mut random, 0);
     let frame = Frame::new(&view);
     let (block, _, _) = random_case(&mut random);
-    let kept: Vec<usize> = (0..BLOCK).collect();
+    let runs: Vec<Run> = (0..BLOCK).map(|i| i..i + 1).collect();
     for unit in [Unit::Depth, Unit::Inverse] {
         let mut depth = |_| match uniform(&mut random, 0.0, 1.0) {
             gone if gone < 0.02 => 0.0,
@@ -85,7 +85,7 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
         let (mut plain, mut wide) = (Room::new(1), Room::new(1));
         let similar = 0.006;
         for room in [&mut plain, &mut wide] {
-            room.copy_windows(&kept, &block, Rows::all(&map));
+            room.copy_windows(&runs, &block, Rows::all(&map));
         }
         let face = |room| Face {
             frame: &frame,
@@ -111,15 +111,38 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
     }
 }
 
+/// Runs of all lengths, gaps between them, up to the end of the block and of the map.
+#[test]
+fn windows_are_copied_run_by_run() {
+    let stored: Vec<f32> = (0..100 * 3).map(|at| at as f32 + 1.0).collect();
+    let map = Samples::new((100, 3), Unit::Depth, &stored);
+    for length in [1, 3, 15, 16, 17, 40, 64] {
+        let (mut block, mut room, mut runs) = (Block::new(), Room::new(0), Vec::new());
+        for i in 0..BLOCK {
+            block.push(100, 36 + i as u32, 1 + u32::from(length > 20), 1.0);
+        }
+        for first in (0..BLOCK).step_by(length + 1) {
+            runs.push(first..(first + length).min(BLOCK));
+        }
+        room.copy_windows(&runs, &block, Rows::all(&map));
+        for i in runs.iter().cloned().flatten() {
+            let around = map.around(36 + i, block.row(i));
+            assert_eq!(room.window(i), around, "{length}");
+        }
+    }
+}
+
 #[test]
 fn colours_are_fetched_at_the_nearest_pixel_and_their_means_are_rounded() {
     let mut random = rng(13);
     let (_, _, seen) = random_case(&mut random);
-    let size = (1280, 240);
+    // All of an image of 1280×240 but the outermost pixels.
+    let (corner, size) = ((1, 1), (1278, 238));
     let (mut plain, mut wide) = (Room::new(1), Room::new(1));
     let locate = |room| Locate {
         seen: &seen,
         scale: [2.0, 0.5],
+        corner,
         size,
         to: (0, room),
     };
@@ -127,8 +150,9 @@ fn colours_are_fetched_at_the_nearest_pixel_and_their_means_are_rounded() {
     Arch::new().dispatch(locate(&mut wide));
     assert_eq!(plain.texels, wide.texels);
     for i in 0..BLOCK {
-        let column = (((seen.x[i] - 0.5) * 2.0) as u32).min(size.0 - 1);
-        let row = (((seen.y[i] - 0.5) * 0.5) as u32).min(size.1 - 1);
+        let nearest = |at: f32, last| (at as u32).clamp(1, last) - 1;
+        let column = nearest((seen.x[i] - 0.5) * 2.0, size.0);
+        let row = nearest((seen.y[i] - 0.5) * 0.5, size.1);
         assert_eq!(wide.texels[0][i], seen.agrees[i] * (row * size.0 + column));
     }
     for count in 1..300u32 {
@@ -157,7 +181,7 @@ fn texels_are_added_where_the_source_agrees() {
     let agrees = std::array::from_fn(|i| u32::from(i % 3 == 0));
     for room in [&mut plain, &mut wide] {
         room.texels[0] = std::array::from_fn(|i| 0x30_20_10 + i as u32);
-        room.own_colors(&[0, 1, 2, 3], |_| [1, 2, 3]);
+        room.own_colors(&[0..1, 1..4], |_| [1, 2, 3]);
     }
     let add = |room| Add {
         agrees: &agrees,

@@ -2,7 +2,7 @@
 
 use super::{FuseJob, cams, workspace};
 use crate::error::{Error, Result};
-use crate::fuse::{DepthMaps, Scratch};
+use crate::fuse::{DepthMaps, Scratch, put_parts, take_rows};
 use crate::jobs::Context;
 use crate::warning::Warnings;
 use mvs_datasets::format::colmap::dense;
@@ -156,16 +156,12 @@ impl DepthMaps for FolderMaps<'_> {
         Ok(depth)
     }
 
-    fn depth_rows(&self, index: usize, take: &mut dyn FnMut(usize, &[f32])) -> Result<()> {
+    fn depth_runs(&self, index: usize, take: &mut dyn FnMut(usize, usize, &[f32])) -> Result<()> {
         let Entry { view, depth, .. } = &self.entries[index];
         let size = (view.camera.width(), view.camera.height());
         match self.entries[index].encoding {
-            Encoding::Pfm => self.warn_of(depth, files::read_depth_rows(depth, size, take)?),
-            Encoding::Dense => {
-                let rows = self.depth(index)?;
-                let rows = rows.raster().rows().enumerate();
-                rows.for_each(|(row, depths)| take(row, depths));
-            }
+            Encoding::Pfm => self.warn_of(depth, files::read_depth_runs(depth, size, take)?),
+            Encoding::Dense => take_rows(&self.depth(index)?, take),
         }
         Ok(())
     }
@@ -196,22 +192,13 @@ impl DepthMaps for FolderMaps<'_> {
     ) -> Result<bool> {
         let camera = &self.entries[index].view.camera;
         let (width, size) = (camera.width() as usize, (camera.width(), camera.height()));
-        let mut put = |row: usize, wanted: Range<usize>, values: &[f32]| {
-            to[row * width..][wanted].copy_from_slice(values);
+        let [only] = self.entries[index].confidence.as_slice() else {
+            return Ok(put_parts(self.confidence(index)?.as_ref(), wanted, to));
         };
-        match self.entries[index].confidence.as_slice() {
-            [] => return Ok(false),
-            [only] => {
-                self.check_size(index, only, files::read_with(only, pfm::read_size)?)?;
-                files::read_raster_parts(only, size, wanted, &mut put)?;
-            }
-            _ => {
-                let least = self.confidence(index)?;
-                for (row, values) in least.iter().flat_map(Raster::rows).enumerate() {
-                    put(row, wanted(row), &values[wanted(row)]);
-                }
-            }
-        }
+        self.check_size(index, only, files::read_with(only, pfm::read_size)?)?;
+        files::read_raster_parts(only, size, wanted, |row, wanted, values| {
+            to[row * width..][wanted].copy_from_slice(values);
+        })?;
         Ok(true)
     }
 
