@@ -10,7 +10,7 @@ Inputs are the project's synthetic scenes (0.1 % noise, 2 % outliers, flying pix
 filter, exact normals, and a sparse model of exact surface points from which it chooses neighbours; we
 get depth and confidence maps and pair.txt. Every run is its own process on one thread; CPU time and
 peak memory are the system's account of it, reading, colours and writing included; an empty run of
-each tool (Python importing pycolmap; `--version`) is measured too. Clouds are scored by `mvs-eval
+each tool (Python importing pycolmap; `--version`) is measured too; no run finds its output already there. Clouds are scored by `mvs-eval
 score` against samples of the exact surface 0.005 apart at tau = 0.01, thinned by a 0.005 voxel grid;
 the surface error is the median exact distance of all points. Needs pycolmap.
 """
@@ -39,7 +39,9 @@ def run_colmap(workspace, out, settings):
         pycolmap.stereo_fusion(out, workspace, "COLMAP", "option-all", "geometric", options, "ply")
 
 
-def measured(command):
+def measured(command, output=None):
+    if output and os.path.exists(output):
+        os.remove(output)
     start = time.perf_counter()
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     trouble = child.stderr.read()
@@ -86,11 +88,14 @@ def written(args, name, *more):
 
 def compare(args, name):
     folder = written(args, name, "workspace")
-    commands = {("mvs-eval", mode): ours(args, folder, mode, f"{folder}/{mode}.ply") for mode in MODES}
+    outputs = {("mvs-eval", mode): f"{folder}/{mode}.ply" for mode in MODES}
+    commands = {key: ours(args, folder, key[1], out) for key, out in outputs.items()}
     for settings in ("defaults", "strict", "nothing"):
-        commands["COLMAP", settings] = colmap(folder, settings, f"{folder}/colmap-{settings}.ply")
+        out = outputs["COLMAP", settings] = f"{folder}/colmap-{settings}.ply"
+        commands["COLMAP", settings] = colmap(folder, settings, out)
     commands["mvs-eval", "nothing"] = [args.binary, "--version"]
-    runs = [{"scene": name, "tool": tool, "settings": settings, "repeat": repeat, **measured(command)}
+    runs = [{"scene": name, "tool": tool, "settings": settings, "repeat": repeat,
+             **measured(command, outputs.get((tool, settings)))}
             for repeat in range(args.repeats) for (tool, settings), command in commands.items()]
     medians = []
     for tool, settings in commands:

@@ -2,7 +2,7 @@
 
 use super::inputs::DepthMaps;
 use super::options::FuseOptions;
-use super::samples::{Samples, confidence, leave_out, threshold};
+use super::samples::{SIDE, Samples, confidence, leave_out, threshold};
 use crate::error::Result;
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ pub(super) struct Rows<'a> {
     values: &'a [f32],
     /// Values of the whole map before these.
     before: usize,
-    stride: usize,
+    samples: &'a Samples,
 }
 
 impl<'a> Rows<'a> {
@@ -21,22 +21,23 @@ impl<'a> Rows<'a> {
         Self {
             values: samples.values(),
             before: 0,
-            stride: samples.stride(),
+            samples,
         }
     }
 
-    /// The stored values of row `row`.
-    pub(super) fn row(&self, row: usize) -> &'a [f32] {
-        let start = (row + 1) * self.stride + 1 - self.before;
-        &self.values[start..start + self.stride - 2]
+    /// The values of `columns`, which are stored, in a row.
+    pub(super) fn part(&self, row: usize, columns: Range<usize>) -> &'a [f32] {
+        let start = self.samples.place(columns.start, row) - self.before;
+        &self.values[start..start + columns.len()]
     }
 
     /// The stored values from a neighbour on, number 0 to 8 by row, of the pixel at `place` in the bordered
     /// map.
     #[inline(always)]
     pub(super) fn from_neighbour(&self, place: usize, number: usize) -> &'a [f32] {
-        let first = place - self.stride - 1 - self.before;
-        &self.values[first + number / 3 * self.stride + number % 3..]
+        let stride = self.samples.stride();
+        let first = place - stride - 1 - self.before;
+        &self.values[first + number / 3 * stride + number % 3..]
     }
 }
 
@@ -76,11 +77,12 @@ impl Confident {
     /// that were.
     pub(super) fn band<'a>(
         &self,
-        samples: &Samples,
+        samples: &'a Samples,
         rows: Range<usize>,
         room: &'a mut Vec<f32>,
     ) -> (Rows<'a>, u64) {
         let (width, stride) = (samples.width(), samples.stride());
+        let first = samples.columns().start;
         let before = rows.start * stride;
         room.clear();
         room.resize((rows.len() + 2) * stride, 0.0);
@@ -92,8 +94,11 @@ impl Confident {
                 continue;
             };
             let extent = samples.extent(row);
-            let own = &mut own[1..=width][extent.clone()];
-            own.copy_from_slice(&samples.row(row)[extent.clone()]);
+            if extent.is_empty() {
+                continue;
+            }
+            let own = &mut own[SIDE + extent.start - first..][..extent.len()];
+            own.copy_from_slice(samples.part(row, extent.clone()));
             let confidences = &self.confidences[row * width..][extent];
             let left_out = leave_out(own, confidences, self.least);
             unconfident += if rows.contains(&row) { left_out } else { 0 };
@@ -102,7 +107,7 @@ impl Confident {
         let rows = Rows {
             values,
             before,
-            stride,
+            samples,
         };
         (rows, unconfident)
     }
@@ -113,7 +118,6 @@ mod tests {
     use super::*;
     use crate::fuse::samples::{Unit, keep_confident};
     use mvs_datasets::scene::Raster;
-    use std::sync::Arc;
 
     /// Band by band it is what it is at once, within extents that are known and without.
     #[test]
@@ -137,7 +141,7 @@ mod tests {
         let samples = Samples::new((width, height), Unit::Depth, &depths);
         let whole = keep_confident(samples.clone(), Some(&confidence), &options);
         for (at, (&depth, &confidence)) in depths.iter().zip(&confidences).enumerate() {
-            let stored = whole.row(at / 150)[at % 150];
+            let stored = whole.get(at % 150, at / 150);
             assert_eq!(stored, if confidence >= 0.5 { depth } else { 0.0 });
         }
         let confident = Confident {
@@ -145,16 +149,17 @@ mod tests {
             least: 0.5,
         };
         let narrow = |row: u32| if row == 5 { 0..0 } else { 0..64 };
-        let samples = samples.within(Arc::new((0..height).map(narrow).collect()));
+        let samples = samples.within((0..height).map(narrow).collect());
         let mut unconfident = 0;
         for rows in [0..3, 3..4, 4..7] {
             let mut room = vec![9.0; 5];
             let (band, more) = confident.band(&samples, rows.clone(), &mut room);
             unconfident += more;
             for row in rows {
-                assert_eq!(band.row(row), whole.row(row));
-                for column in 0..150 {
-                    let place = (row + 1) * 152 + column + 1;
+                assert_eq!(band.part(row, 0..64), whole.part(row, 0..64));
+                for column in 0..64 {
+                    let (_, place) = samples.grid().numbers(column as u32, row as u32);
+                    let place = place as usize;
                     for (number, value) in
                         whole.around(column, row).as_flattened().iter().enumerate()
                     {

@@ -13,7 +13,7 @@ use super::options::{FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink};
 use super::reference::{Band, Reference, Region};
 use super::rules::Rule;
-use super::samples::{Extent, Filters, Samples, Unit, bordered, confidence};
+use super::samples::{Filters, Samples, Shape, Unit, confidence};
 use super::selection::{Confidences, Selection, Witness};
 use crate::error::Result;
 use crate::parallel;
@@ -77,7 +77,7 @@ pub fn fuse_maps(
     let engine = Engine {
         inputs,
         options,
-        extents: Mutex::default(),
+        shapes: Mutex::default(),
         spare: Mutex::default(),
     };
     match options.mode {
@@ -145,8 +145,8 @@ enum Maps {
 struct Engine<'a> {
     inputs: &'a FuseInputs<'a>,
     options: &'a FuseOptions,
-    /// By view, where its depths of the pass before end.
-    extents: Mutex<BTreeMap<usize, Arc<Vec<Extent>>>>,
+    /// By view, where its depths of the pass before are.
+    shapes: Mutex<BTreeMap<usize, Arc<Shape>>>,
     /// Room for a view's confidences.
     spare: Mutex<Vec<f32>>,
 }
@@ -156,8 +156,8 @@ impl Engine<'_> {
         self.spare.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn extents(&self) -> MutexGuard<'_, BTreeMap<usize, Arc<Vec<Extent>>>> {
-        self.extents.lock().unwrap_or_else(PoisonError::into_inner)
+    fn shapes(&self) -> MutexGuard<'_, BTreeMap<usize, Arc<Shape>>> {
+        self.shapes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The modes with one pass. Their confidence filter asks the reference only, except `gipuma`'s.
@@ -197,8 +197,8 @@ impl Engine<'_> {
         self.for_each_view(stage, |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
             (reference.needed, reference.soften) = (1, false);
-            let (width, stride) = (reference.samples.width(), reference.samples.stride());
-            let mut stored = bordered(width, reference.samples.height());
+            let stride = reference.samples.stride();
+            let mut stored = reference.samples.shape().zeros();
             let inner = stride..stored.len() - stride;
             let bands = stored[inner].chunks_mut(BAND_ROWS * stride);
             let mut bands: Vec<_> = bands.map(|band| (band, FuseCounts::default())).collect();
@@ -213,8 +213,8 @@ impl Engine<'_> {
             }
             self.inputs.scratch.store(self.key(to, index), stored)?;
             // A pass leaves out pixels and finds none.
-            let extents = Arc::clone(reference.samples.extents());
-            self.extents().insert(index, extents);
+            let shape = Arc::clone(reference.samples.shape());
+            self.shapes().insert(index, shape);
             Ok(counts)
         })
     }

@@ -15,7 +15,7 @@
 )]
 
 use super::geometry::PairGeometry;
-use super::samples::Samples;
+use super::samples::{Grid, Samples};
 use crate::ahead::prefetch;
 use mvs_datasets::scene::View;
 
@@ -48,11 +48,10 @@ impl Block {
         }
     }
 
-    /// Adds a pixel of a map of this `width`; the block must not be full.
-    pub(super) fn push(&mut self, width: u32, column: u32, row: u32, depth: f32) {
+    /// Adds a pixel of a map; the block must not be full.
+    pub(super) fn push(&mut self, grid: Grid, column: u32, row: u32, depth: f32) {
         let at = self.len;
-        self.pixel[at] = row * width + column;
-        self.place[at] = (row + 1) * (width + 2) + column + 1;
+        (self.pixel[at], self.place[at]) = grid.numbers(column, row);
         #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
         {
             self.u[at] = column as f32 + 0.5;
@@ -221,6 +220,10 @@ impl Pair {
             (source.height() + 1) as f64,
             source.stride() as f64,
         );
+        // From a column of the map with a border of one pixel to one of the values, of which the first and the
+        // last two are 0: what lies beyond the stored columns.
+        let left = source.columns().start as f64 - 1.0;
+        let last = stride - 2.0;
         for i in 0..BLOCK {
             let (u, v, depth) = (wide.u[i], wide.v[i], wide.depth[i]);
             let along = |axis: usize| {
@@ -234,7 +237,10 @@ impl Pair {
             let x = if inside { x } else { 0.0 };
             let y = if inside { y } else { 0.0 };
             let (column, row) = (x.floor(), y.floor());
-            to.index[i] = whole(row.mul_add(stride, column));
+            let stored = column - left;
+            let stored = if stored > 0.0 { stored } else { 0.0 };
+            let stored = if stored < last { stored } else { last };
+            to.index[i] = whole(row.mul_add(stride, stored));
             to.fx[i] = (x - column) as f32;
             to.fy[i] = (y - row) as f32;
             seen.x[i] = x as f32;

@@ -115,7 +115,8 @@ pub(super) fn render(reference: &View, source: &View, samples: &Samples) -> Rend
     );
     let zoom = reference.camera.focal().x / source.camera.focal().x;
     for row in 0..samples.height() {
-        for (column, &stored) in samples.row(row).iter().enumerate() {
+        let columns = samples.columns();
+        for (column, &stored) in columns.clone().zip(samples.part(row, columns)) {
             let depth = f64::from(samples.unit().convert(stored));
             if depth <= 0.0 {
                 continue;
@@ -247,7 +248,7 @@ pub(super) fn seen_through(
         reason = "inside the map"
     )]
     let (column, row) = (x as usize, y as usize);
-    let found = f64::from(samples.unit().convert(samples.row(row)[column]));
+    let found = f64::from(samples.unit().convert(samples.get(column, row)));
     (found > 0.0).then(|| (found / seen.depth, row * samples.width() + column))
 }
 

@@ -224,15 +224,16 @@ impl Reference<'_> {
             block.len = 0;
         };
         let mut block = Block::new();
-        let width = self.samples.width();
+        let (grid, stored) = (self.samples.grid(), self.samples.columns());
         let extents = || rows.clone().map(|row| self.samples.extent(row));
         let filled = || extents().filter(|extent| !extent.is_empty());
         let first = filled().map(|extent| extent.start).min().unwrap_or(0);
         let end = filled().map(|extent| extent.end).max().unwrap_or(0);
         for left in (first / STRIP * STRIP..end).step_by(STRIP) {
-            let right = (left + STRIP).min(width);
+            let right = (left + STRIP).min(stored.end);
+            let left = left.max(stored.start);
             for row in rows.clone() {
-                let values = &own.row(row)[left..right];
+                let values = own.part(row, left..right);
                 // Values are ≥ 0: no bit is set where there is no depth.
                 if values.iter().fold(0, |bits, value| bits | value.to_bits()) == 0 {
                     continue;
@@ -240,7 +241,7 @@ impl Reference<'_> {
                 for (column, &stored) in (left..).zip(values) {
                     if stored > 0.0 {
                         #[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
-                        block.push(width as u32, column as u32, row as u32, stored);
+                        block.push(grid, column as u32, row as u32, stored);
                         if block.is_full() {
                             finish(&mut block);
                         }

@@ -122,7 +122,8 @@ pub(super) struct Verdict {
     sorted: Vec<[f32; BLOCK]>,
     footprints: Vec<Footprint>,
     wide: Wide,
-    sampled: Sampled,
+    /// Of the source being looked at, and of the next.
+    sampled: [Sampled; 2],
     pub(super) consensus: Consensus,
 }
 
@@ -133,7 +134,7 @@ impl Verdict {
             sorted: vec![[0.0; BLOCK]; sources + 1],
             footprints: (0..sources).map(|_| Footprint::new()).collect(),
             wide: Wide::new(),
-            sampled: Sampled::new(),
+            sampled: [Sampled::new(), Sampled::new()],
             consensus: Consensus::new(),
         }
     }
@@ -173,15 +174,26 @@ impl WithSimd for Case<'_> {
             let (seen, footprint) = (&mut seen[at], &mut footprints[at]);
             source.pair.project(wide, source.samples, seen, footprint);
         }
-        for at in 0..court.sources.len() {
+        // What was fetched is looked at when the next source's pixels have been: right away it would still be
+        // on its way from single pixels to memory, where vectors of them are read.
+        for ahead in 0..=court.sources.len() {
+            if let Some(source) = court.sources.get(ahead)
+                && seen[ahead].any()
+            {
+                let map = (source.samples, court.taps);
+                sampled[ahead % 2].fetch(map, &footprints[ahead]);
+            }
+            let Some(at) = ahead.checked_sub(1) else {
+                continue;
+            };
             let (source, footprint) = (&court.sources[at], &footprints[at]);
-            let seen = &mut seen[at];
+            let (seen, sampled) = (&mut seen[at], &mut sampled[at % 2]);
             if !seen.any() {
                 seen.nothing();
                 continue;
             }
-            let map = (source.samples, court.taps);
-            sampled.look(map, (footprint, &seen.z), &mut seen.ratio);
+            let map = (source.samples.unit(), court.taps);
+            sampled.weigh(map, (footprint, &seen.z), &mut seen.ratio);
             let errors = Errors {
                 epipole: source.pair.epipole,
                 block,

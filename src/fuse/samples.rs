@@ -38,64 +38,168 @@ impl Unit {
     }
 }
 
-/// A bordered map of depths or inverse depths, 0 for none.
+/// A bordered map of depths or inverse depths, 0 for none. Columns beyond all depths are not stored.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Samples {
     width: usize,
     height: usize,
     unit: Unit,
-    /// (width + 2) × (height + 2), row-major.
+    shape: Arc<Shape>,
+    /// By row, between a row of zeros above and one below, two zeros, the stored columns and two zeros: then
+    /// some two neighbours are beyond the depths on either side.
     values: Arc<Vec<f32>>,
     /// What the filters left out of it.
     left_out: FuseCounts,
-    /// Beyond these columns a row has no depth.
-    extents: Arc<Vec<Extent>>,
+}
+
+/// Where a map has depths.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Shape {
+    /// The columns that are stored.
+    columns: Range<usize>,
+    /// By row, the columns beyond which there is no depth.
+    extents: Vec<Extent>,
 }
 
 /// Columns of a row.
 pub(super) type Extent = Range<u32>;
 
+/// Zeros on either side of a row.
+pub(super) const SIDE: usize = 2;
+
+impl Shape {
+    /// With all columns stored.
+    fn whole(size: (u32, u32)) -> Self {
+        Self {
+            columns: 0..size.0 as usize,
+            extents: vec![0..size.0; size.1 as usize],
+        }
+    }
+
+    /// With the columns of these extents stored.
+    fn of(extents: Vec<Extent>) -> Self {
+        let filled = || extents.iter().filter(|extent| !extent.is_empty());
+        let first = filled().map(|extent| extent.start).min().unwrap_or(0);
+        let end = filled().map(|extent| extent.end).max().unwrap_or(0);
+        Self {
+            columns: first as usize..end as usize,
+            extents,
+        }
+    }
+
+    fn stride(&self) -> usize {
+        self.columns.len() + 2 * SIDE
+    }
+
+    /// Zeros for a map of this shape.
+    pub(super) fn zeros(&self) -> Vec<f32> {
+        vec![0.0; self.stride() * (self.extents.len() + 2)]
+    }
+
+    /// The place among the values of a pixel whose column is stored.
+    fn place(&self, column: usize, row: usize) -> usize {
+        (row + 1) * self.stride() + SIDE + column - self.columns.start
+    }
+}
+
+/// How the pixels of a map are numbered.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grid {
+    width: u32,
+    stride: u32,
+    /// The first column that is stored.
+    left: u32,
+}
+
+impl Grid {
+    /// Of a map of this width with all columns stored.
+    #[cfg(test)]
+    pub(super) fn whole(width: u32) -> Self {
+        Self {
+            width,
+            stride: width + 2 * SIDE as u32,
+            left: 0,
+        }
+    }
+
+    /// The row-major number of a pixel, and its place among the stored values.
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "two")]
+    pub(super) fn numbers(self, column: u32, row: u32) -> (u32, u32) {
+        let place = (row + 1) * self.stride + SIDE as u32 + column - self.left;
+        (row * self.width + column, place)
+    }
+}
+
 impl Samples {
     /// From one stored value per pixel, row-major.
     pub(super) fn new(size: (u32, u32), unit: Unit, stored: &[f32]) -> Self {
-        let (width, height) = (size.0 as usize, size.1 as usize);
-        let mut values = bordered(width, height);
-        let rows = inner_rows(&mut values, width).zip(stored.chunks_exact(width));
-        rows.for_each(|(to, from)| to.copy_from_slice(from));
-        Self::from_bordered(size, unit, Arc::new(values))
+        let shape = Shape::whole(size);
+        let mut values = shape.zeros();
+        for (row, from) in stored.chunks_exact(size.0 as usize).enumerate() {
+            values[shape.place(0, row)..][..from.len()].copy_from_slice(from);
+        }
+        Self::of_shape(size, unit, Arc::new(shape), Arc::new(values))
     }
 
-    /// From the values of [`Samples::values`].
-    pub(super) fn from_bordered(size: (u32, u32), unit: Unit, values: Arc<Vec<f32>>) -> Self {
+    /// From the values of [`Samples::values`]; their shape is that of whole rows unless it is known.
+    pub(super) fn of_values(
+        size: (u32, u32),
+        unit: Unit,
+        shape: Option<Arc<Shape>>,
+        values: Arc<Vec<f32>>,
+    ) -> Self {
+        let shape = shape.unwrap_or_else(|| Arc::new(Shape::whole(size)));
+        Self::of_shape(size, unit, shape, values)
+    }
+
+    fn of_shape(size: (u32, u32), unit: Unit, shape: Arc<Shape>, values: Arc<Vec<f32>>) -> Self {
         Self {
             width: size.0 as usize,
             height: size.1 as usize,
             unit,
+            shape,
             values,
             left_out: FuseCounts::default(),
-            extents: Arc::new(vec![0..size.0; size.1 as usize]),
         }
     }
 
-    /// With narrower extents, beyond which there is no depth.
-    pub(super) fn within(self, extents: Arc<Vec<Extent>>) -> Self {
-        Self { extents, ..self }
+    /// Stored in these extents only, beyond which there is no depth.
+    #[cfg(test)]
+    pub(super) fn within(&self, extents: Vec<Extent>) -> Self {
+        let shape = Shape::of(extents);
+        let mut values = shape.zeros();
+        for row in 0..self.height {
+            for column in shape.columns.clone() {
+                values[shape.place(column, row)] = self.get(column, row);
+            }
+        }
+        Self {
+            shape: Arc::new(shape),
+            values: Arc::new(values),
+            ..self.clone()
+        }
     }
 
-    /// By row, the columns beyond which there is no depth.
-    pub(super) fn extents(&self) -> &Arc<Vec<Extent>> {
-        &self.extents
+    /// Where there are depths.
+    pub(super) fn shape(&self) -> &Arc<Shape> {
+        &self.shape
     }
 
     /// The columns of `row` beyond which there is no depth.
     pub(super) fn extent(&self, row: usize) -> Range<usize> {
-        let Range { start, end } = self.extents[row];
+        let Range { start, end } = self.shape.extents[row];
         start as usize..end as usize
+    }
+
+    /// The columns that are stored.
+    pub(super) fn columns(&self) -> Range<usize> {
+        self.shape.columns.clone()
     }
 
     /// The columns and rows beyond which there is no depth; `None` without any depth.
     pub(super) fn filled(&self) -> Option<(Extent, Extent)> {
-        let rows = (0u32..).zip(self.extents.iter());
+        let rows = (0u32..).zip(self.shape.extents.iter());
         let mut filled = rows.filter(|(_, extent)| !extent.is_empty());
         let (first, extent) = filled.next()?;
         let mut columns = extent.clone();
@@ -131,7 +235,17 @@ impl Samples {
 
     /// Distance between rows of [`Samples::values`].
     pub(super) fn stride(&self) -> usize {
-        self.width + 2
+        self.shape.stride()
+    }
+
+    /// How pixels are numbered.
+    #[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
+    pub(super) fn grid(&self) -> Grid {
+        Grid {
+            width: self.width as u32,
+            stride: self.stride() as u32,
+            left: self.shape.columns.start as u32,
+        }
     }
 
     /// All values with the border.
@@ -139,17 +253,29 @@ impl Samples {
         &self.values
     }
 
-    /// The stored values of row `row`.
-    pub(super) fn row(&self, row: usize) -> &[f32] {
-        let start = (row + 1) * self.stride() + 1;
-        &self.values[start..start + self.width]
+    /// The stored value of a pixel; 0 for none.
+    pub(super) fn get(&self, column: usize, row: usize) -> f32 {
+        match self.shape.columns.contains(&column) {
+            true => self.values[self.shape.place(column, row)],
+            false => 0.0,
+        }
     }
 
-    /// The stored values of the 3×3 pixels around one, rows from the top; 0 beyond the map.
+    /// The place among the values of a pixel whose column is stored.
+    pub(super) fn place(&self, column: usize, row: usize) -> usize {
+        self.shape.place(column, row)
+    }
+
+    /// The values of `columns`, which are stored, in a row.
+    pub(super) fn part(&self, row: usize, columns: Range<usize>) -> &[f32] {
+        &self.values[self.shape.place(columns.start, row)..][..columns.len()]
+    }
+
+    /// The stored values of the 3×3 pixels around one that is stored, rows from the top; 0 beyond the map.
     pub(super) fn around(&self, column: usize, row: usize) -> [[f32; 3]; 3] {
+        let first = self.shape.place(column, row) - self.stride() - 1;
         std::array::from_fn(|below| {
-            let start = (row + below) * self.stride() + column;
-            let three = self.values[start..].first_chunk();
+            let three = self.values[first + below * self.stride()..].first_chunk();
             three.copied().unwrap_or_default()
         })
     }
@@ -196,17 +322,6 @@ pub(super) enum Filters {
     All,
 }
 
-/// Zeros for a map with its border.
-pub(super) fn bordered(width: usize, height: usize) -> Vec<f32> {
-    vec![0.0; (width + 2) * (height + 2)]
-}
-
-/// The rows of a bordered map without the border.
-fn inner_rows(values: &mut [f32], width: usize) -> impl Iterator<Item = &mut [f32]> {
-    let rows = values.chunks_exact_mut(width + 2).skip(1);
-    rows.map(move |row| &mut row[1..=width])
-}
-
 /// A view's depth map after the filters.
 pub(super) fn prepare(
     maps: &dyn DepthMaps,
@@ -223,7 +338,6 @@ pub(super) fn prepare(
     let unit = Unit::of(options);
     let size = (view.camera.width(), view.camera.height());
     let (width, height) = (size.0 as usize, size.1 as usize);
-    let mut values = bordered(width, height);
     let pixels = (width * height) as u64;
     let mut counts = FuseCounts {
         pixels,
@@ -231,21 +345,29 @@ pub(super) fn prepare(
         ..FuseCounts::default()
     };
     let mut extents = vec![0..0; height];
+    // What has depth, run by run: where the first and the last columns are shows at the end.
+    let (mut runs, mut found) = (Vec::new(), Vec::new());
     maps.depth_runs(index, &mut |row, first, from| {
-        let to = &mut values[(row + 1) * (width + 2) + 1..][first..first + from.len()];
         counts.empty -= from.len() as u64;
         widen(&mut extents[row], first, from.len());
+        runs.push((row, first, from.len()));
         if filter.passes_all() {
-            counts.empty += convert(unit, from, to);
+            counts.empty += convert(unit, from, &mut found);
             return;
         }
         let pixels = row * width + first..;
-        for (to, (pixel, &depth)) in to.iter_mut().zip(pixels.zip(from)) {
-            *to = filter.keep(pixel, unit, depth, &mut counts);
-        }
+        let kept = pixels.zip(from);
+        found.extend(kept.map(|(pixel, &depth)| filter.keep(pixel, unit, depth, &mut counts)));
     })?;
-    let mut samples = Samples::from_bordered(size, unit, Arc::new(values));
-    samples = samples.within(Arc::new(extents));
+    let shape = Shape::of(extents);
+    let mut values = shape.zeros();
+    let mut rest = found.as_slice();
+    for (row, first, len) in runs {
+        let (run, more) = rest.split_at(len);
+        values[shape.place(first, row)..][..len].copy_from_slice(run);
+        rest = more;
+    }
+    let mut samples = Samples::of_shape(size, unit, Arc::new(shape), Arc::new(values));
     samples.left_out = counts;
     match filters {
         Filters::All => {
@@ -256,15 +378,14 @@ pub(super) fn prepare(
     }
 }
 
-/// Puts the stored values of depths into `to`; how many have none.
-fn convert(unit: Unit, from: &[f32], to: &mut [f32]) -> u64 {
-    let mut empty = 0u32;
-    for (to, &depth) in to.iter_mut().zip(from) {
-        let stored = unit.convert(depth);
-        empty += u32::from(stored <= 0.0);
-        *to = stored;
-    }
-    u64::from(empty)
+/// Adds the stored values of depths to `found`; how many have none.
+fn convert(unit: Unit, from: &[f32], found: &mut Vec<f32>) -> u64 {
+    let start = found.len();
+    found.extend(from.iter().map(|&depth| unit.convert(depth)));
+    let empty = found[start..]
+        .iter()
+        .map(|&stored| u32::from(stored <= 0.0));
+    u64::from(empty.sum::<u32>())
 }
 
 /// Has `extent` hold a run of columns, too, which come in order.
@@ -289,14 +410,16 @@ pub(super) fn keep_confident(
         return samples;
     };
     let least = threshold(confidence, options);
-    let width = samples.width;
+    let shape = Arc::clone(&samples.shape);
     // Copies them where others use them too.
     let values = Arc::make_mut(&mut samples.values);
-    let rows = inner_rows(values, width).zip(samples.extents.iter());
-    for ((row, extent), confidences) in rows.zip(confidence.rows()) {
+    for (row, (extent, confidences)) in shape.extents.iter().zip(confidence.rows()).enumerate() {
         let extent = extent.start as usize..extent.end as usize;
-        let unconfident = leave_out(&mut row[extent.clone()], &confidences[extent], least);
-        samples.left_out.unconfident += unconfident;
+        if extent.is_empty() {
+            continue;
+        }
+        let own = &mut values[shape.place(extent.start, row)..][..extent.len()];
+        samples.left_out.unconfident += leave_out(own, &confidences[extent], least);
     }
     samples
 }
@@ -391,13 +514,35 @@ mod tests {
     #[test]
     fn samples_have_a_border_without_depth() {
         let samples = Samples::new((2, 1), Unit::Depth, &[3.0, 4.0]);
+        let none = [0.0; 6];
         assert_eq!(
             samples.values(),
-            [0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+            [none, [0.0, 0.0, 3.0, 4.0, 0.0, 0.0], none].as_flattened()
         );
-        assert_eq!(samples.row(0), [3.0, 4.0]);
+        assert_eq!(samples.part(0, 0..2), [3.0, 4.0]);
         let [above, own, below] = samples.around(0, 0);
         assert_eq!((above, own, below), ([0.0; 3], [0.0, 3.0, 4.0], [0.0; 3]));
+    }
+
+    #[test]
+    fn columns_beyond_all_depths_are_not_stored() {
+        let stored: Vec<f32> = (0..20)
+            .map(|at| f32::from(u8::from(at % 5 == 3)) * at as f32)
+            .collect();
+        let whole = Samples::new((5, 4), Unit::Depth, &stored);
+        let narrow = whole.within(vec![0..0, 3..4, 2..4, 3..4]);
+        assert_eq!(narrow.columns(), 2..4);
+        assert_eq!(narrow.filled(), Some((2..4, 1..4)));
+        assert_eq!(narrow.values().len(), 6 * 6);
+        for (row, column) in (0..4).flat_map(|row| (0..5).map(move |column| (row, column))) {
+            assert_eq!(narrow.get(column, row), whole.get(column, row));
+            if (2..4).contains(&column) {
+                assert_eq!(narrow.around(column, row), whole.around(column, row));
+                let (pixel, place) = narrow.grid().numbers(column as u32, row as u32);
+                assert_eq!(pixel as usize, row * 5 + column);
+                assert_eq!(narrow.values()[place as usize], whole.get(column, row));
+            }
+        }
     }
 
     #[test]
@@ -410,9 +555,10 @@ mod tests {
         estimates[0].depth = DepthMap::from_values(150, 3, depths.clone()).unwrap().0;
         let options = FuseOptions::default();
         let samples = prepare(&estimates.as_slice(), 0, &options, Filters::Depth).unwrap();
-        assert_eq!(samples.extents().as_slice(), [0..0, 64..128, 0..150]);
+        let extents: Vec<_> = (0..3).map(|row| samples.extent(row)).collect();
+        assert_eq!(extents, [0..0, 64..128, 0..150]);
         for (row, depths) in depths.chunks(150).enumerate() {
-            assert_eq!(samples.row(row), depths);
+            assert_eq!(samples.part(row, 0..150), depths);
         }
         assert_eq!(samples.left_out().empty, 450 - 5 - 137);
     }

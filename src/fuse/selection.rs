@@ -40,7 +40,7 @@ impl Selection<'_> {
         let mut opinions = Vec::with_capacity(self.sources.len() + 1);
         for row in rows {
             for column in 0..width {
-                let had = self.own.row(row)[column] > 0.0;
+                let had = self.own.get(column, row) > 0.0;
                 let depth = self.depth(column, row, &mut opinions);
                 counts.inconsistent += u64::from(had && depth.is_none());
                 counts.filled += u64::from(!had && depth.is_some());
@@ -54,7 +54,7 @@ impl Selection<'_> {
         let at = row * self.own.width() + column;
         opinions.clear();
         opinions.push(Opinion {
-            depth: self.own.unit().convert(self.own.row(row)[column]),
+            depth: self.own.unit().convert(self.own.get(column, row)),
             confidence: confidence(&self.own_confidences, at),
         });
         opinions.extend(self.sources.iter().map(|source| Opinion {

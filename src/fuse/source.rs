@@ -124,7 +124,7 @@ mod tests {
             let none = vec![0.0; (size.0 * size.1) as usize];
             Samples::new(size, Unit::Depth, &none)
         };
-        let narrow = samples((12, 10)).within(Arc::new(extents));
+        let narrow = samples((12, 10)).within(extents);
         let photo = Photo::new(image.clone(), &narrow).unwrap();
         assert_eq!((photo.size, photo.corner), ((12, 10), (2, 2)));
         assert_eq!(photo.part.size(), (7, 7));
@@ -132,7 +132,7 @@ mod tests {
             let found = photo.part.values()[photo.place(column as usize, row as usize)];
             assert_eq!(found, image.get(column, row));
         }
-        let nothing = samples((12, 10)).within(Arc::new(vec![0..0; 10]));
+        let nothing = samples((12, 10)).within(vec![0..0; 10]);
         for samples in [samples((12, 10)), nothing, samples((6, 5))] {
             let photo = Photo::new(image.clone(), &samples).unwrap();
             assert_eq!((photo.corner, &photo.part), ((0, 0), &image));

@@ -38,25 +38,30 @@ impl Sampled {
         }
     }
 
-    /// Fetches the pixels of `footprint`, and puts expected depth / sampled depth into `ratio`, 0 for
-    /// none; `z` are the expected depths, 0 beyond the map.
+    /// Fetches the pixels of `footprint`.
     #[inline(always)]
-    pub(super) fn look(
+    pub(super) fn fetch(&mut self, (source, taps): (&Samples, Taps), footprint: &Footprint) {
+        match taps {
+            Taps::Nearest => self.gather_nearest(source, footprint),
+            Taps::Plain | Taps::Valid(_) => self.gather(source, &footprint.index),
+        }
+    }
+
+    /// Puts expected depth / sampled depth into `ratio`, 0 for none, of the pixels that were fetched; `z` are the
+    /// expected depths, 0 beyond the map.
+    #[inline(always)]
+    pub(super) fn weigh(
         &mut self,
-        (source, taps): (&Samples, Taps),
+        (unit, taps): (Unit, Taps),
         (footprint, z): (&Footprint, &[f32; BLOCK]),
         ratio: &mut [f32; BLOCK],
     ) {
-        if taps != Taps::Nearest {
-            self.gather(source, &footprint.index);
-        }
         match taps {
             Taps::Valid(similar) => self.valid((footprint, z), similar, ratio),
             Taps::Plain => self.plain((footprint, z), ratio),
             Taps::Nearest => {
-                self.gather_nearest(source, footprint);
                 for i in 0..BLOCK {
-                    self.near[i] = match source.unit() {
+                    self.near[i] = match unit {
                         Unit::Inverse => self.near[i] * z[i],
                         Unit::Depth => over(z[i], self.near[i]),
                     };

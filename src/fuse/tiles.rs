@@ -11,6 +11,7 @@ use super::samples::{Filters, Samples, prepare};
 use crate::error::{Error, Result};
 use glam::{DVec2, Vec3};
 use mvs_datasets::scene::{ColorImage, NormalMap, View};
+use std::ops::Range;
 
 /// Edge of a tile in pixels.
 const EDGE: usize = 32;
@@ -96,7 +97,7 @@ impl Source<'_> {
         for top in (0..height).step_by(EDGE) {
             for left in (0..width).step_by(EDGE) {
                 let (right, bottom) = ((left + EDGE).min(width), (top + EDGE).min(height));
-                let mut rows = (top..bottom).map(|row| &self.samples.row(row)[left..right]);
+                let mut rows = (top..bottom).map(|row| self.part(row, left..right));
                 if rows.all(|row| row.iter().all(|&stored| stored <= 0.0)) {
                     packed.places.push(NONE);
                     continue;
@@ -114,8 +115,19 @@ impl Source<'_> {
         packed
     }
 
+    /// What is stored of these columns.
+    fn part(&self, row: usize, columns: Range<usize>) -> &[f32] {
+        let stored = self.samples.columns();
+        let (start, end) = (columns.start.max(stored.start), columns.end.min(stored.end));
+        if start < end {
+            self.samples.part(row, start..end)
+        } else {
+            &[]
+        }
+    }
+
     fn put(&self, (column, row): (usize, usize), tile: &mut [f32]) {
-        let stored = self.samples.row(row)[column];
+        let stored = self.samples.get(column, row);
         if stored <= 0.0 {
             return;
         }

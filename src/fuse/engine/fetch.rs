@@ -13,7 +13,6 @@ use crate::fuse::reference::{Finish, Reference};
 use crate::fuse::rules::Rule;
 use crate::fuse::samples::{Filters, Samples, Unit, confidence, prepare};
 use crate::fuse::source::{Photo, Source, SourceImage};
-use std::sync::Arc;
 
 impl Engine<'_> {
     /// The view at `index` as a reference, and what the filters left out of it.
@@ -70,11 +69,13 @@ impl Engine<'_> {
         let camera = &self.inputs.maps.view(index).camera;
         let stored = self.inputs.scratch.fetch(self.key(pass, index))?;
         let size = (camera.width(), camera.height());
-        let samples = Samples::from_bordered(size, Unit::of(self.options), stored);
-        Ok(match self.extents().get(&index) {
-            Some(extents) => samples.within(Arc::clone(extents)),
-            None => samples,
-        })
+        let shape = self.shapes().get(&index).cloned();
+        Ok(Samples::of_values(
+            size,
+            Unit::of(self.options),
+            shape,
+            stored,
+        ))
     }
 
     /// Fetches what finished points need; the sources' images are put into `reference`.

@@ -1,7 +1,7 @@
 use super::*;
 use crate::fuse::confident::Rows;
 use crate::fuse::normals::from_depth;
-use crate::fuse::samples::Samples;
+use crate::fuse::samples::{Grid, Samples};
 use crate::fuse::testing::{random_view, rng, uniform};
 use glam::DVec2;
 use pulp::Arch;
@@ -12,7 +12,12 @@ fn random_case(random: &mut rand_chacha::ChaCha8Rng) -> (Block, Consensus, Seen)
     for i in 0..BLOCK {
         let column = uniform(random, 0.0, 640.0) as u32;
         let row = uniform(random, 0.0, 480.0) as u32;
-        block.push(640, column, row, uniform(random, 2.0, 4.0) as f32);
+        block.push(
+            Grid::whole(640),
+            column,
+            row,
+            uniform(random, 2.0, 4.0) as f32,
+        );
         consensus.delta[i] = uniform(random, -0.01, 0.01) as f32;
         seen.agrees[i] = u32::from(uniform(random, 0.0, 1.0) < 0.7);
         consensus.count[i] = seen.agrees[i];
@@ -119,7 +124,7 @@ fn windows_are_copied_run_by_run() {
     for length in [1, 3, 15, 16, 17, 40, 64] {
         let (mut block, mut room, mut runs) = (Block::new(), Room::new(0), Vec::new());
         for i in 0..BLOCK {
-            block.push(100, 36 + i as u32, 1 + u32::from(length > 20), 1.0);
+            block.push(map.grid(), 36 + i as u32, 1 + u32::from(length > 20), 1.0);
         }
         for first in (0..BLOCK).step_by(length + 1) {
             runs.push(first..(first + length).min(BLOCK));

@@ -2,7 +2,7 @@ use super::*;
 use crate::fuse::consensus::{Error, Errors};
 use crate::fuse::options::FuseOptions;
 use crate::fuse::rules::Bounds;
-use crate::fuse::samples::Unit;
+use crate::fuse::samples::{Grid, Unit};
 use crate::fuse::sampling;
 use crate::fuse::taps::{Sampled, Taps};
 use crate::fuse::testing::{random_view, rng, uniform};
@@ -28,7 +28,12 @@ fn random_block(random: &mut rand_chacha::ChaCha8Rng) -> Block {
     while !block.is_full() {
         let column = uniform(random, 0.0, 640.0) as u32;
         let row = uniform(random, 0.0, 480.0) as u32;
-        block.push(640, column, row, uniform(random, 2.0, 4.0) as f32);
+        block.push(
+            Grid::whole(640),
+            column,
+            row,
+            uniform(random, 2.0, 4.0) as f32,
+        );
     }
     block
 }
@@ -69,7 +74,9 @@ fn looked(
     let (mut wide, mut sampled) = (Wide::new(), Sampled::new());
     wide.fill(block);
     pair.project(&wide, map.0, &mut seen, &mut footprint);
-    sampled.look(map, (&footprint, &seen.z), &mut seen.ratio);
+    sampled.fetch(map, &footprint);
+    let map = (map.0.unit(), map.1);
+    sampled.weigh(map, (&footprint, &seen.z), &mut seen.ratio);
     let errors = Errors {
         epipole: pair.epipole,
         block,

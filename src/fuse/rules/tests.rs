@@ -1,6 +1,6 @@
 use super::*;
 use crate::fuse::Estimate;
-use crate::fuse::samples::Unit;
+use crate::fuse::samples::{Grid, Unit};
 use crate::fuse::testing::{Plane, arc, spoil};
 use glam::DVec3;
 use pulp::Arch;
@@ -177,7 +177,7 @@ fn blocks(estimate: &Estimate) -> Vec<Block> {
             blocks.push(Block::new());
         }
         let block = blocks.last_mut().unwrap();
-        block.push(width, column, row, depth);
+        block.push(Grid::whole(width), column, row, depth);
     }
     blocks
 }
