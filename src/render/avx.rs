@@ -1,14 +1,18 @@
 //! [`Lanes`] in the registers of x86-64: AVX2, and AVX-512 where whole tables fit into registers.
 
+use super::cluster::Many;
 use super::lanes::{ALL, LANES, Lanes, PACKED, TABLE, gathered};
 use pulp::x86::{V3, V4};
-use pulp::{cast, f32x8, f32x16, m32x8, u32x8};
+use pulp::{cast, f32x8, f32x16, m32x8, u16x32, u32x4, u32x8};
+use std::arch::x86_64::__m256i;
 
 /// Sets of instructions that have AVX2.
 pub(crate) trait Wide: Copy {
     fn v3(self) -> V3;
     /// As [`Lanes::gather`].
     fn gather(self, table: &[f32; TABLE], few: bool, places: &[[u8; LANES]; 3]) -> [f32x8; 3];
+    /// As [`Lanes::meet_cells`].
+    fn meet_cells(self, cells: [&[u16; TABLE]; 2], corners: [&Many; 3]) -> u32;
 }
 
 impl Wide for V3 {
@@ -21,6 +25,73 @@ impl Wide for V3 {
     fn gather(self, table: &[f32; TABLE], _: bool, places: &[[u8; LANES]; 3]) -> [f32x8; 3] {
         cast(gathered(table, places))
     }
+
+    /// A table of 64 bytes is four registers, of which a place's lowest four bits choose a byte each, and the
+    /// next two bits choose the register.
+    #[inline(always)]
+    fn meet_cells(self, cells: [&[u16; TABLE]; 2], corners: [&Many; 3]) -> u32 {
+        let wide = self.avx2;
+        let [a, b, c] = corners;
+        let places = [cast(*a), cast(*b), cast(*c)];
+        let mut none = cast(self.splat_u8x32(0));
+        for cells in cells {
+            let tables = byte_tables(self, cells);
+            let mut sum = cast(self.splat_u8x32(0));
+            for table in tables {
+                let least = wide._mm256_min_epu8(
+                    chosen(self, table, places[0]),
+                    chosen(self, table, places[1]),
+                );
+                let least = wide._mm256_min_epu8(least, chosen(self, table, places[2]));
+                sum = wide._mm256_adds_epu8(sum, least);
+            }
+            let full = wide._mm256_cmpeq_epi8(sum, cast(self.splat_u8x32(255)));
+            none = wide._mm256_or_si256(none, full);
+        }
+        !wide._mm256_movemask_epi8(none).cast_unsigned()
+    }
+}
+
+/// Sixteen bytes, twice.
+type Quarter = __m256i;
+
+/// The low bytes of 64 shorts and the high ones, sixteen to a register.
+#[inline(always)]
+fn byte_tables(wide: V3, cells: &[u16; TABLE]) -> [[Quarter; 4]; 2] {
+    let avx = wide.avx2;
+    let (parts, _) = cells.as_chunks::<16>();
+    let low_byte = cast(wide.splat_u16x16(255));
+    let mut tables = [[low_byte; 4]; 2];
+    for quarter in 0..4 {
+        let shorts = cast(parts[quarter]);
+        let low = avx._mm256_and_si256(shorts, low_byte);
+        let high = avx._mm256_srli_epi16::<8>(shorts);
+        // Eight low ones, eight high ones, and the same of the second half.
+        let both = avx._mm256_packus_epi16(low, high);
+        tables[0][quarter] = avx._mm256_permute4x64_epi64::<0b10_00_10_00>(both);
+        tables[1][quarter] = avx._mm256_permute4x64_epi64::<0b11_01_11_01>(both);
+    }
+    tables
+}
+
+#[inline(always)]
+fn chosen(wide: V3, [a, b, c, d]: [Quarter; 4], places: __m256i) -> __m256i {
+    let avx = wide.avx2;
+    let (fifth, sixth) = (
+        avx._mm256_slli_epi16::<3>(places),
+        avx._mm256_slli_epi16::<2>(places),
+    );
+    let low = avx._mm256_blendv_epi8(
+        avx._mm256_shuffle_epi8(a, places),
+        avx._mm256_shuffle_epi8(b, places),
+        fifth,
+    );
+    let high = avx._mm256_blendv_epi8(
+        avx._mm256_shuffle_epi8(c, places),
+        avx._mm256_shuffle_epi8(d, places),
+        fifth,
+    );
+    avx._mm256_blendv_epi8(low, high, sixth)
 }
 
 impl Wide for V4 {
@@ -52,6 +123,32 @@ impl Wide for V4 {
         }
         [both[0][0], both[0][1], both[1][0]]
     }
+
+    /// A table of 64 shorts is two registers, of which a place's lowest six bits choose one.
+    #[inline(always)]
+    fn meet_cells(self, cells: [&[u16; TABLE]; 2], corners: [&Many; 3]) -> u32 {
+        let wide = self.avx512bw;
+        let [a, b, c] = corners;
+        let [a, b, c] = [
+            wide._mm512_cvtepu8_epi16(cast(*a)),
+            wide._mm512_cvtepu8_epi16(cast(*b)),
+            wide._mm512_cvtepu8_epi16(cast(*c)),
+        ];
+        let mut met = u32::MAX;
+        for cells in cells {
+            let (parts, _) = cells.as_chunks::<32>();
+            let [low, high]: [u16x32; 2] = [cast(parts[0]), cast(parts[1])];
+            let codes = [
+                wide._mm512_permutex2var_epi16(cast(low), a, cast(high)),
+                wide._mm512_permutex2var_epi16(cast(low), b, cast(high)),
+                wide._mm512_permutex2var_epi16(cast(low), c, cast(high)),
+            ];
+            let least = wide._mm512_min_epu8(wide._mm512_min_epu8(codes[0], codes[1]), codes[2]);
+            let sums = wide._mm512_maddubs_epi16(least, cast(self.splat_u8x64(1)));
+            met &= wide._mm512_cmplt_epi16_mask(sums, cast(self.splat_u16x32(255)));
+        }
+        met
+    }
 }
 
 const BITS: u32x8 = u32x8(1, 2, 4, 8, 16, 32, 64, 128);
@@ -71,6 +168,7 @@ fn merge(wide: V3, mask: m32x8, new: u32x8, old: u32x8) -> u32x8 {
 impl<W: Wide> Lanes for W {
     type V = f32x8;
     type M = m32x8;
+    const CELLS: bool = true;
 
     #[inline(always)]
     fn load(self, values: &[f32; LANES]) -> f32x8 {
@@ -206,6 +304,19 @@ impl<W: Wide> Lanes for W {
     #[inline(always)]
     fn gather(self, table: &[f32; TABLE], few: bool, places: &[[u8; LANES]; 3]) -> [f32x8; 3] {
         Wide::gather(self, table, few, places)
+    }
+
+    #[inline(always)]
+    fn shorts(self, values: f32x8) -> [u16; LANES] {
+        let wide = self.v3();
+        let whole = wide.avx._mm256_cvtps_epi32(cast(values));
+        let [low, high]: [u32x4; 2] = cast(whole);
+        cast(wide.sse4_1._mm_packus_epi32(cast(low), cast(high)))
+    }
+
+    #[inline(always)]
+    fn meet_cells(self, cells: [&[u16; TABLE]; 2], corners: [&Many; 3]) -> u32 {
+        Wide::meet_cells(self, cells, corners)
     }
 
     #[inline(always)]

@@ -1,8 +1,9 @@
 //! A cluster of triangles as it lies in memory: one run of words, so that reading it is one stream.
 //!
 //! Head: the centre (three f64), the radius, the counts of packs and triangles. Then the vertices,
-//! eight side by side per axis; then the triangles in groups of eight: which vertices their corners
-//! are, a byte each, and their numbers in the mesh. Words that are no f32 are kept as bits of one.
+//! eight side by side per axis; then the triangles, filled up to groups of eight: which vertices their
+//! first corners are, a byte each, their second, their third, and their numbers in the mesh. Words that
+//! are no f32 are kept as bits of one.
 
 use super::lanes::LANES;
 use glam::DVec3;
@@ -15,9 +16,13 @@ pub(crate) const MOST_VERTICES: usize = 3 * MOST_TRIANGLES;
 const HEAD: usize = 8;
 /// Eight vertices: their x, their y, their z.
 pub(crate) type Pack = [f32; 3 * LANES];
+/// Words of eight triangles: of one of their corners, and in all.
 const CORNER_WORDS: usize = 2;
-/// Eight triangles: their first, second and third corners, then their numbers.
-type Group = [f32; 3 * CORNER_WORDS + LANES];
+const GROUP_WORDS: usize = 3 * CORNER_WORDS + LANES;
+/// Triangles whose corners are looked at together.
+pub(crate) const MANY: usize = 32;
+/// One corner of each of them, a byte each.
+pub(crate) type Many = [f32; MANY / 4];
 
 /// A cluster, read where it lies.
 #[derive(Debug, Clone, Copy)]
@@ -28,7 +33,8 @@ pub(crate) struct Cluster<'c> {
     pub(crate) radius: f32,
     /// Offsets of the vertices from the centre; the last pack is filled up with copies.
     pub(crate) packs: &'c [Pack],
-    groups: &'c [Group],
+    /// Words of the triangles.
+    rest: &'c [f32],
     triangles: usize,
 }
 
@@ -42,7 +48,7 @@ impl<'c> Cluster<'c> {
         let counts = head[7].to_bits();
         let (packs, triangles) = ((counts & 0xffff) as usize, (counts >> 16) as usize);
         let (vertices, rest) = rest.split_at(packs * size_of::<Pack>() / 4);
-        let groups = &rest[..triangles.div_ceil(LANES) * size_of::<Group>() / 4];
+        let rest = &rest[..triangles.div_ceil(LANES) * GROUP_WORDS];
         Self {
             center: DVec3::new(
                 f64::from_bits(pair(0)),
@@ -51,7 +57,7 @@ impl<'c> Cluster<'c> {
             ),
             radius: head[6],
             packs: vertices.as_chunks().0,
-            groups: groups.as_chunks().0,
+            rest,
             triangles,
         }
     }
@@ -62,20 +68,49 @@ impl<'c> Cluster<'c> {
         self.triangles
     }
 
-    /// Its triangles, eight at a time.
+    /// How many groups of eight it has, the last of which may be filled up.
     #[inline(always)]
-    pub(crate) fn groups(&self) -> impl Iterator<Item = Eight> {
-        let count = self.triangles;
-        let used = move |first: usize| LANES.min(count - first * LANES);
-        self.groups
-            .iter()
-            .enumerate()
-            .map(move |(index, group)| Eight::read(group, used(index)))
+    pub(crate) fn groups(&self) -> usize {
+        self.triangles.div_ceil(LANES)
+    }
+
+    /// Eight of its triangles.
+    #[inline(always)]
+    pub(crate) fn eight(&self, group: usize) -> Eight {
+        let count = self.groups();
+        let (corners, numbers) = self.rest.split_at(3 * CORNER_WORDS * count);
+        let mut places = [[0; LANES]; 3];
+        for corner in 0..3 {
+            let from = CORNER_WORDS * (corner * count + group);
+            let [low, high] = [corners[from], corners[from + 1]];
+            let word = u64::from(low.to_bits()) | u64::from(high.to_bits()) << 32;
+            places[corner] = word.to_le_bytes();
+        }
+        let mut eight = Eight {
+            places,
+            numbers: [0.0; LANES],
+            used: LANES.min(self.triangles - LANES * group),
+        };
+        eight
+            .numbers
+            .copy_from_slice(&numbers[LANES * group..][..LANES]);
+        eight
+    }
+
+    /// Corners of many of its triangles from a group on; anything beyond the last.
+    #[inline(always)]
+    pub(crate) fn many(&self, group: usize) -> [&'c Many; 3] {
+        let count = self.groups();
+        let from = |corner: usize| CORNER_WORDS * (corner * count + group);
+        let corner = |corner: usize| self.rest.get(from(corner)..)?.first_chunk();
+        const NONE: &Many = &[0.0; MANY / 4];
+        [0, 1, 2].map(|k| corner(k).unwrap_or(NONE))
     }
 
     /// All triangles: the vertices of their corners, their numbers in the mesh.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = ([usize; 3], u32)> {
-        self.groups().flat_map(|eight| {
+        let eights = (0..self.groups()).map(|group| self.eight(group));
+        eights.flat_map(|eight| {
             (0..eight.used).map(move |lane| {
                 let corners = [0, 1, 2].map(|corner| usize::from(eight.places[corner][lane]));
                 (corners, eight.number(lane))
@@ -96,26 +131,6 @@ pub(crate) struct Eight {
 }
 
 impl Eight {
-    #[inline(always)]
-    fn read(group: &Group, used: usize) -> Self {
-        let mut places = [[0; LANES]; 3];
-        for corner in 0..3 {
-            let [low, high] = [
-                group[CORNER_WORDS * corner],
-                group[CORNER_WORDS * corner + 1],
-            ];
-            let word = u64::from(low.to_bits()) | u64::from(high.to_bits()) << 32;
-            places[corner] = word.to_le_bytes();
-        }
-        let mut numbers = [0.0; LANES];
-        numbers.copy_from_slice(&group[3 * CORNER_WORDS..]);
-        Self {
-            places,
-            numbers,
-            used,
-        }
-    }
-
     /// The number of a triangle in the mesh.
     #[inline(always)]
     pub(crate) fn number(&self, lane: usize) -> u32 {
@@ -127,9 +142,9 @@ impl Eight {
 #[derive(Debug, Default)]
 pub(crate) struct Draft {
     packs: Vec<Pack>,
-    groups: Vec<Group>,
+    corners: [Vec<u8>; 3],
+    numbers: Vec<u32>,
     vertices: usize,
-    triangles: usize,
     radius: f32,
 }
 
@@ -156,18 +171,10 @@ impl Draft {
 
     /// Adds a triangle: the places of its corners, its number in the mesh.
     pub(crate) fn add_triangle(&mut self, corners: [u8; 3], number: u32) {
-        let lane = self.triangles % LANES;
-        if lane == 0 {
-            self.groups.push([0.0; 3 * CORNER_WORDS + LANES]);
+        for (places, place) in self.corners.iter_mut().zip(corners) {
+            places.push(place);
         }
-        if let Some(group) = self.groups.last_mut() {
-            for (corner, place) in corners.into_iter().enumerate() {
-                let word = &mut group[CORNER_WORDS * corner + lane / 4];
-                *word = f32::from_bits(word.to_bits() | u32::from(place) << (lane % 4 * 8));
-            }
-            group[3 * CORNER_WORDS + lane] = f32::from_bits(number);
-        }
-        self.triangles += 1;
+        self.numbers.push(number);
     }
 
     /// Appends the cluster to `words`; the draft is empty then.
@@ -180,13 +187,24 @@ impl Draft {
         words.push(self.radius);
         #[allow(clippy::cast_possible_truncation, reason = "at most 30 and 80")]
         words.push(f32::from_bits(
-            self.packs.len() as u32 | (self.triangles as u32) << 16,
+            self.packs.len() as u32 | (self.numbers.len() as u32) << 16,
         ));
         words.extend(self.packs.as_flattened());
-        words.extend(self.groups.as_flattened());
+        let filled = self.numbers.len().next_multiple_of(LANES);
+        for places in &mut self.corners {
+            places.resize(filled, 0);
+            let (four, _) = places.as_chunks();
+            words.extend(
+                four.iter()
+                    .map(|&four| f32::from_bits(u32::from_le_bytes(four))),
+            );
+            places.clear();
+        }
+        self.numbers.resize(filled, 0);
+        words.extend(self.numbers.iter().map(|&number| f32::from_bits(number)));
+        self.numbers.clear();
         self.packs.clear();
-        self.groups.clear();
-        (self.vertices, self.triangles, self.radius) = (0, 0, 0.0);
+        (self.vertices, self.radius) = (0, 0.0);
     }
 }
 

@@ -3,6 +3,7 @@
 //! What is computed with them is only ever a first guess with a known error, so a set of
 //! instructions may round differently (fused or not) without changing a result.
 
+use super::cluster::{MANY, Many};
 use super::doubles::Doubles;
 
 /// Numbers side by side.
@@ -18,6 +19,8 @@ pub(crate) trait Lanes: Doubles {
     type V: Copy;
     /// Eight answers.
     type M: Copy;
+    /// Whether [`Self::meet_cells`] is quick.
+    const CELLS: bool;
     fn load(self, values: &[f32; LANES]) -> Self::V;
     fn store(self, values: Self::V) -> [f32; LANES];
     fn splat(self, value: f32) -> Self::V;
@@ -56,6 +59,11 @@ pub(crate) trait Lanes: Doubles {
     fn pick(self, bits: u32, new: Self::V, old: Self::V) -> Self::V;
     /// A table's values at three times eight places, which are below 64 where they are `few`.
     fn gather(self, table: &[f32; TABLE], few: bool, places: &[[u8; LANES]; 3]) -> [Self::V; 3];
+    /// Whole numbers below 2^16.
+    fn shorts(self, values: Self::V) -> [u16; LANES];
+    /// The triangles, by three corners each, all of them places below 64, that may cover some sample, as
+    /// bits: see [`super::lens::Projected::find_cells`].
+    fn meet_cells(self, cells: [&[u16; TABLE]; 2], corners: [&Many; 3]) -> u32;
     /// The lanes whose bit is set, moved to the front in their order; anything behind them.
     fn pack(self, bits: u32, values: Self::V) -> Self::V;
     /// As [`Self::pack`].
@@ -209,6 +217,7 @@ fn each(a: [f32; LANES], b: [f32; LANES], f: impl Fn(f32, f32) -> f32) -> [f32; 
 impl Lanes for Plain {
     type V = [f32; LANES];
     type M = [bool; LANES];
+    const CELLS: bool = false;
 
     #[inline(always)]
     fn load(self, values: &[f32; LANES]) -> Self::V {
@@ -358,6 +367,31 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "whole numbers below 2^16"
+    )]
+    fn shorts(self, values: Self::V) -> [u16; LANES] {
+        values.map(|value| value as u16)
+    }
+
+    #[inline(always)]
+    fn meet_cells(self, cells: [&[u16; TABLE]; 2], corners: [&Many; 3]) -> u32 {
+        let mut met = u32::MAX;
+        for cells in cells {
+            for triangle in 0..MANY {
+                let place = |four: &Many| four[triangle / 4].to_bits().to_le_bytes()[triangle % 4];
+                let codes = corners.map(|places| cells[usize::from(place(places))]);
+                let [a, b, c] = codes.map(u16::to_le_bytes);
+                let least = |k: usize| u16::from(a[k].min(b[k]).min(c[k]));
+                met &= !(u32::from(least(0) + least(1) >= 255) << triangle);
+            }
+        }
+        met
+    }
+
+    #[inline(always)]
     fn pack(self, bits: u32, values: Self::V) -> Self::V {
         let order = PACKED[bits as usize % PACKED.len()].to_le_bytes();
         order.map(|lane| values[usize::from(lane)])
@@ -437,6 +471,8 @@ mod tests {
                     results.push(l.load(&std::array::from_fn(kept)));
                 }
             }
+            let shorts = l.mul(l.bytes([0, 1, 77, 127, 128, 200, 254, 255]), l.splat(257.0));
+            results.push(l.load(&l.shorts(shorts).map(f32::from)));
             let finite = l.load(&[1.5, -2.25, 0.0, 7.0, -0.5, 3.0, 6.5, 2.0]);
             results.push(l.splat(l.least(finite)));
             results.push(l.splat(l.greatest(finite)));
@@ -472,7 +508,7 @@ mod tests {
         }
         let [least, greatest] = [plain.0.len() - 2, plain.0.len() - 1].map(|k| plain.0[k][0]);
         assert_eq!((least, greatest), (-2.25, 7.0));
-        let packed = plain.0[plain.0.len() - 8];
+        let packed = plain.0[plain.0.len() - 9];
         assert_eq!(packed[..3], [a[1], a[2], a[4]], "lanes 1, 2, 4 and 7");
         let less = [0b0000_0110, 0b1001_0001, 0];
         assert_eq!(plain.1[..3], less);

@@ -11,6 +11,7 @@
 use super::cluster::Cluster;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes};
+use super::raster::LAST;
 use super::tile::DOUBT;
 use glam::{DMat3, DVec2, DVec3};
 
@@ -78,6 +79,8 @@ pub(crate) struct Projected {
     pub(crate) away: f32,
     /// Whether there are at most 64 vertices.
     pub(crate) few: bool,
+    /// Between which columns and rows of samples a vertex lies: see [`Self::find_cells`].
+    pub(crate) cells: [[u16; PLACES]; 2],
 }
 
 impl Projected {
@@ -90,6 +93,30 @@ impl Projected {
             extent: [0.0; 4],
             away,
             few: false,
+            cells: [[0; PLACES]; 2],
+        }
+    }
+
+    /// Notes for the first vertices, per axis, the first sample that is not before a vertex, and in the high
+    /// byte 255 less the first that is beyond it; what it may be off is allowed for. So a triangle may cover
+    /// some sample if the least of both bytes among its corners add up to less than 255.
+    #[inline(always)]
+    pub(crate) fn find_cells<L: Lanes>(&mut self, l: L, packs: usize) {
+        let error = l.splat(self.error + self.away);
+        let (zero, one) = (l.splat(0.0), l.splat(1.0));
+        let (last, end) = (l.splat(LAST), l.splat(LAST + 1.0));
+        let [xs, ys] = &mut self.cells;
+        for (at, cells) in [(&self.x, xs), (&self.y, ys)] {
+            let (at, _) = at.as_chunks();
+            let (cells, _) = cells.as_chunks_mut();
+            for (at, cells) in at.iter().zip(cells).take(packs) {
+                let at = l.load(at);
+                let first = l.ceil(l.max(l.sub(at, error), zero));
+                let beyond = l.add(l.floor(l.min(l.add(at, error), last)), one);
+                let (first, beyond) = (l.min(first, end), l.max(beyond, zero));
+                let code = l.mul_add(l.sub(l.splat(255.0), beyond), l.splat(256.0), first);
+                *cells = l.shorts(code);
+            }
         }
     }
 }

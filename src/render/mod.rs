@@ -15,6 +15,7 @@ mod bvh;
 mod cluster;
 mod clusters;
 mod doubles;
+mod doubts;
 mod eye;
 mod lanes;
 mod lens;

@@ -335,7 +335,8 @@ impl Task for Find<'_> {
         if rays == 0 {
             return;
         }
-        for eight in cluster.groups() {
+        for group in 0..cluster.groups() {
+            let eight = cluster.eight(group);
             let xs = l.gather(&scratch.x, scratch.few, &eight.places);
             let ys = l.gather(&scratch.y, scratch.few, &eight.places);
             let group = Group::new(l, xs, ys, error);

@@ -8,6 +8,7 @@
 
 use super::bent::Bent;
 use super::cluster::{Cluster, Eight};
+use super::doubts::{Doubt, Doubts};
 use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Lens, Place, Projected, ULP};
 use super::near;
@@ -26,7 +27,7 @@ const WHOLE: (Spot, Spot) = (
 /// Samples per triangle up to which a cluster's triangles are sieved.
 const SIEVED_AREA: f32 = 4.0;
 /// Samples a side up to which triangles are drawn side by side.
-pub(super) const SMALL: usize = 4;
+pub(super) const SMALL: usize = 5;
 pub(super) const LAST: f32 = (SIZE - 1) as f32;
 
 /// Draws clusters into one tile.
@@ -39,6 +40,7 @@ pub(crate) struct Brush<'t> {
     pub(crate) scratch: &'t mut Projected,
     pub(crate) sieve: &'t mut Sieve,
     pub(crate) offers: &'t mut Offers,
+    pub(crate) doubts: &'t mut Doubts,
 }
 
 impl Brush<'_> {
@@ -65,11 +67,20 @@ impl Brush<'_> {
     /// Makes visible what has been offered and is nearer than what is there.
     #[inline(always)]
     fn settle_offers(&mut self) {
-        for index in 0..self.offers.finish() {
-            let (index, (triangle, nearness)) = self.offers.get(index);
-            if !self.tile.try_offer(index, (triangle, nearness)) {
-                self.settle(index, triangle, Some(nearness));
-            }
+        let (frame, doubts) = (&self.place.eye.frame, &mut *self.doubts);
+        let mut full = false;
+        let unsure = |index, (triangle, nearness)| {
+            let doubt = Doubt {
+                index,
+                triangle,
+                nearness,
+                met: true,
+            };
+            full |= doubts.put(frame, doubt);
+        };
+        self.tile.try_offers(self.offers.take(), unsure);
+        if full {
+            self.settle_doubts();
         }
     }
 
@@ -84,16 +95,38 @@ impl Brush<'_> {
         for lane in SetBits(bits) {
             let index = whole(indices[lane]);
             if !self.tile.surely_hides(index, nearness[lane]) {
-                self.settle(index, eight.number(lane), None);
+                self.doubt(Doubt {
+                    index,
+                    triangle: eight.number(lane),
+                    nearness: nearness[lane],
+                    met: false,
+                });
             }
         }
     }
 
-    /// Offers a triangle where f32 is in doubt about what is nearer or, without a known nearness,
-    /// about whether the sample sees the triangle at all.
+    /// Has it decided later whether a triangle is seen at a sample.
     #[cold]
     #[inline(never)]
-    pub(super) fn settle(&mut self, index: usize, triangle: u32, known: Option<f32>) {
+    pub(super) fn doubt(&mut self, doubt: Doubt) {
+        if self.doubts.put(&self.place.eye.frame, doubt) {
+            self.settle_doubts();
+        }
+    }
+
+    /// Decides what is in doubt by the exact test.
+    pub(crate) fn settle_doubts(&mut self) {
+        let frame = &self.place.eye.frame;
+        let hidden = |doubt: &Doubt| self.tile.surely_hides(doubt.index, doubt.nearness);
+        for doubt in self.doubts.take(frame, hidden) {
+            self.settle(doubt);
+        }
+    }
+
+    fn settle(&mut self, doubt: Doubt) {
+        let Doubt {
+            index, triangle, ..
+        } = doubt;
         let spot = Spot {
             column: index % STRIDE,
             row: index / STRIDE,
@@ -109,6 +142,7 @@ impl Brush<'_> {
             let crossing = place.eye.frame.cross(triangle as usize, direction);
             crossing.map(|crossing| crossing.distance)
         };
+        let known = doubt.met.then_some(doubt.nearness);
         #[allow(clippy::cast_possible_truncation, reason = "well below DOUBT")]
         let nearness = known.or_else(|| exact(triangle).map(|distance| (1.0 / distance) as f32));
         if let Some(nearness) = nearness {
@@ -147,8 +181,8 @@ impl Task for Draw<'_, '_> {
                 first += LANES;
             }
         } else {
-            for eight in cluster.groups() {
-                brush.draw_eight(l, &eight);
+            for group in 0..cluster.groups() {
+                brush.draw_eight(l, &cluster.eight(group));
             }
         }
         brush.settle_offers();

@@ -2,6 +2,7 @@
 
 use super::bent::Bent;
 use super::clusters::{Child, Clusters, WIDTH, Wide};
+use super::doubts::Doubts;
 use super::lanes::{LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Grid, Lens, Place, Projected};
 use super::raster::Brush;
@@ -30,44 +31,69 @@ pub(crate) fn scan(
     if let Some(bent) = bent {
         tile.close_where(|index| !bent.has_ray(index));
     }
-    let mut scratch = Projected::new(away);
-    let (mut sieve, mut offers) = (Sieve::new(), Offers::new());
     let stand = (place.eye.rotation, place.eye.center_in_cam);
     let lens = Lens::new(stand, &grid);
     let gaze = Gaze::new(stand, (&grid, away), (width, height));
-    let mut waiting = vec![Waiting::ROOT];
-    while let Some(next) = waiting.pop() {
+    let mut brush = Brush {
+        tile: &mut tile,
+        place,
+        bent,
+        lens: &lens,
+        scratch: &mut Projected::new(away),
+        sieve: &mut Sieve::new(),
+        offers: &mut Offers::new(),
+        doubts: &mut Doubts::default(),
+    };
+    let mut stack = vec![Waiting::ROOT];
+    let mut next: Option<(Waiting, u32)> = None;
+    loop {
+        // The cluster after this one is looked for first, so that it is fetched meanwhile.
+        let after = next_cluster(clusters, &gaze, brush.tile, &mut stack);
+        if let Some((_, index)) = after {
+            clusters.fetch(Child::Cluster(index), CLUSTER_LINES);
+        }
+        match next {
+            Some((waiting, index))
+                if !brush
+                    .tile
+                    .hides((waiting.from, waiting.to), waiting.nearness) =>
+            {
+                brush.draw(&clusters.cluster(index));
+            }
+            None if after.is_none() => break,
+            _ => {}
+        }
+        next = after;
+    }
+    brush.settle_doubts();
+    tile
+}
+
+/// Takes the nearest cluster that is not hidden.
+fn next_cluster(
+    clusters: &Clusters,
+    gaze: &Gaze,
+    tile: &mut Tile,
+    stack: &mut Vec<Waiting>,
+) -> Option<(Waiting, u32)> {
+    while let Some(next) = stack.pop() {
         if tile.hides((next.from, next.to), next.nearness) {
             continue;
         }
         match next.child {
             Child::None => {}
-            Child::Cluster(index) => {
-                if let Some(after) = waiting.last() {
-                    clusters.fetch(after.child, CLUSTER_LINES);
-                }
-                let mut brush = Brush {
-                    tile: &mut tile,
-                    place,
-                    bent,
-                    lens: &lens,
-                    scratch: &mut scratch,
-                    sieve: &mut sieve,
-                    offers: &mut offers,
-                };
-                brush.draw(&clusters.cluster(index));
-            }
+            Child::Cluster(index) => return Some((next, index)),
             Child::Node(index) => {
-                let first = waiting.len();
-                dispatch(Look(&gaze, &clusters.nodes[index as usize], &mut waiting));
-                for entry in &waiting[first..] {
+                let first = stack.len();
+                dispatch(Look(gaze, &clusters.nodes[index as usize], stack));
+                for entry in &stack[first..] {
                     clusters.fetch(entry.child, HEAD_LINES);
                 }
-                waiting[first..].sort_unstable_by(|a, b| b.depth.total_cmp(&a.depth));
+                stack[first..].sort_unstable_by(|a, b| b.depth.total_cmp(&a.depth));
             }
         }
     }
-    tile
+    None
 }
 
 /// A part of the tree that the tile may see.

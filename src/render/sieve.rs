@@ -1,7 +1,7 @@
 //! Small triangles, most of which lie between samples: those that may cover one are brought together, and
 //! so are the samples that they are offered to.
 
-use super::cluster::{Cluster, Eight, MOST_TRIANGLES};
+use super::cluster::{Cluster, Eight, MANY, MOST_TRIANGLES};
 use super::lanes::{ALL, LANES, Lanes, whole};
 use super::lens::Projected;
 use super::raster::{LAST, SMALL, spread};
@@ -87,31 +87,53 @@ impl Sieve {
         Some(eight)
     }
 
+    /// Puts some of eight triangles behind the first `count` and returns how many there are.
     #[inline(always)]
-    fn put<L: Lanes>(&mut self, l: L, eight: &Eight, bits: u32) {
+    fn put<L: Lanes>(&mut self, l: L, (eight, bits): (&Eight, u32), count: usize) -> usize {
         let numbers = l.store(l.pack(bits, l.load(&eight.numbers)));
-        let Some(to) = self.numbers[self.count..].first_chunk_mut() else {
-            return;
-        };
-        *to = numbers;
-        for corner in 0..3 {
-            let Some(to) = self.places[corner][self.count..].first_chunk_mut() else {
-                return;
-            };
-            *to = l.pack_bytes(bits, eight.places[corner]);
+        let from = count.min(SIEVED - LANES);
+        if let Some(to) = self.numbers[from..].first_chunk_mut() {
+            *to = numbers;
         }
-        self.count += bits.count_ones() as usize;
+        for corner in 0..3 {
+            if let Some(to) = self.places[corner][from..].first_chunk_mut() {
+                *to = l.pack_bytes(bits, eight.places[corner]);
+            }
+        }
+        from + bits.count_ones() as usize
     }
 }
 
-/// Leaves in the sieve what may cover a sample of a projected cluster.
+/// Leaves in the sieve what may cover a sample of a projected cluster: by each vertex's cell rather than by
+/// each triangle's corners where tables fit into registers.
 #[inline(always)]
-pub(super) fn sieve<L: Lanes>(l: L, cluster: &Cluster<'_>, scratch: &Projected, to: &mut Sieve) {
-    to.count = 0;
-    for eight in cluster.groups() {
-        let alive = Reach::of(l, scratch, &eight).alive;
-        to.put(l, &eight, alive);
+pub(super) fn sieve<L: Lanes>(
+    l: L,
+    cluster: &Cluster<'_>,
+    scratch: &mut Projected,
+    to: &mut Sieve,
+) {
+    let mut count = 0;
+    if L::CELLS && scratch.few {
+        scratch.find_cells(l, cluster.packs.len());
+        let [columns, rows] = &scratch.cells;
+        for first in (0..cluster.groups()).step_by(MANY / LANES) {
+            let mut met = l.meet_cells([columns, rows], cluster.many(first));
+            for group in first..cluster.groups().min(first + MANY / LANES) {
+                let eight = cluster.eight(group);
+                let alive = met & ALL >> (LANES - eight.used);
+                count = to.put(l, (&eight, alive), count);
+                met >>= LANES;
+            }
+        }
+    } else {
+        for group in 0..cluster.groups() {
+            let eight = cluster.eight(group);
+            let alive = Reach::of(l, scratch, &eight).alive;
+            count = to.put(l, (&eight, alive), count);
+        }
     }
+    to.count = count;
 }
 
 /// Triangles that are seen at samples if nothing nearer is there.
@@ -163,16 +185,102 @@ impl Offers {
         self.count > MOST_WAITING
     }
 
-    /// How many there are; there are none afterwards.
+    /// Takes all: where, and which triangle with what nearness.
     #[inline(always)]
-    pub(crate) fn finish(&mut self) -> usize {
-        std::mem::take(&mut self.count).min(OFFERS)
+    pub(crate) fn take(&mut self) -> impl Iterator<Item = (usize, (u32, f32))> {
+        let count = std::mem::take(&mut self.count).min(OFFERS);
+        let with = self.nearness[..count].iter().zip(&self.numbers[..count]);
+        let offers = self.indices[..count].iter().zip(with);
+        offers.map(|(&index, (&nearness, number))| (whole(index), (number.to_bits(), nearness)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cluster::Draft;
+    use super::super::lanes::forced::{self, Width};
+    use super::super::lanes::{Plain, Task, dispatch};
+    use super::*;
+    use glam::DVec3;
+
+    /// Numbers of the triangles that the sieve leaves, and of those with samples in reach.
+    struct Sift<'s>(&'s Cluster<'s>, &'s mut Projected);
+
+    impl Task for Sift<'_> {
+        type Output = [Vec<u32>; 2];
+
+        #[inline(always)]
+        fn run<L: Lanes>(self, l: L) -> Self::Output {
+            let Self(cluster, projected) = self;
+            let mut left = Sieve::new();
+            sieve(l, cluster, projected, &mut left);
+            let mut numbers = [vec![], vec![]];
+            let mut first = 0;
+            while let Some(eight) = left.eight(first) {
+                numbers[0].extend((0..eight.used).map(|lane| eight.number(lane)));
+                first += LANES;
+            }
+            for group in 0..cluster.groups() {
+                let eight = cluster.eight(group);
+                let alive = Reach::of(l, projected, &eight).alive;
+                let lanes = (0..LANES).filter(|lane| alive >> lane & 1 == 1);
+                numbers[1].extend(lanes.map(|lane| eight.number(lane)));
+            }
+            numbers
+        }
     }
 
-    /// An offer: where, and which triangle with what nearness.
-    #[inline(always)]
-    pub(crate) fn get(&self, index: usize) -> (usize, (u32, f32)) {
-        let offer = (self.numbers[index].to_bits(), self.nearness[index]);
-        (whole(self.indices[index]), offer)
+    /// A cluster of small triangles among `vertices` around a tile, some far beside it, some on whole numbers.
+    fn small(seed: u32, vertices: u8, triangles: u32) -> (Vec<f32>, Projected) {
+        let mut state = seed;
+        let mut next = |count: u32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) % count
+        };
+        let mut projected = Projected::new(0.0);
+        let mut draft = Draft::default();
+        let corner = [next(90) as f32 - 20.0, next(90) as f32 - 20.0];
+        for vertex in 0..vertices {
+            let place = usize::from(draft.add_vertex([0.0; 3]));
+            let far = if vertex % 13 == 12 { 1e6 } else { 1.0 };
+            projected.x[place] = corner[0] + far * (next(48) as f32 / 16.0 - 1.0);
+            projected.y[place] = corner[1] + far * (next(48) as f32 / 16.0 - 1.0);
+        }
+        for number in 0..triangles {
+            let corners = [0; 3].map(|_| next(u32::from(vertices)) as u8);
+            draft.add_triangle(corners, 7 * number);
+        }
+        projected.error = 1e-4 * next(3) as f32;
+        projected.few = vertices <= 64;
+        let mut words = Vec::new();
+        draft.write(DVec3::ZERO, &mut words);
+        (words, projected)
+    }
+
+    #[test]
+    fn the_sieve_leaves_just_what_has_a_sample_in_reach() {
+        let mut counts = [0, 0];
+        for seed in 0..400 {
+            let vertices = [3, 17, 64, 65, 200][seed as usize % 5];
+            let (words, mut projected) = small(seed, vertices, 1 + seed % 80);
+            let cluster = Cluster::read(&words);
+            let [plain, expected] = Sift(&cluster, &mut projected).run(Plain);
+            assert_eq!(plain, expected, "{seed}");
+            assert_eq!(
+                dispatch(Sift(&cluster, &mut projected))[0],
+                expected,
+                "{seed}"
+            );
+            forced::force(Some(Width::Avx2));
+            let [other, _] = dispatch(Sift(&cluster, &mut projected));
+            forced::force(None);
+            assert_eq!(other, expected, "{seed}");
+            counts[0] += expected.len();
+            counts[1] += cluster.count();
+        }
+        assert!(
+            4 * counts[0] > counts[1] && 4 * counts[0] < 3 * counts[1],
+            "{counts:?}"
+        );
     }
 }

@@ -6,6 +6,7 @@
 )]
 
 use super::bent::Bent;
+use super::doubts::Doubt;
 use super::lanes::{ALL, LANES, Lanes, SetBits};
 use super::raster::{Brush, spot, spread, weighted};
 use super::tile::{STRIDE, Spot};
@@ -80,7 +81,12 @@ impl Stored {
                 for lane in SetBits(!outside & ALL >> (LANES - 1 - last)) {
                     let index = row * STRIDE + first + lane;
                     if !brush.tile.surely_hides(index, nearest) {
-                        brush.settle(index, triangle, None);
+                        brush.doubt(Doubt {
+                            index,
+                            triangle,
+                            nearness: nearest,
+                            met: false,
+                        });
                     }
                 }
             }
@@ -193,8 +199,12 @@ fn offer_lanes<L: Lanes>(
     if unsettled != 0 {
         let (near, inside) = (l.store(near), l.bits(inside));
         for lane in SetBits(unsettled) {
-            let known = (inside >> lane & 1 == 1).then_some(near[lane]);
-            brush.settle(index + lane, triangle, known);
+            brush.doubt(Doubt {
+                index: index + lane,
+                triangle,
+                nearness: near[lane],
+                met: inside >> lane & 1 == 1,
+            });
         }
     }
 }

@@ -144,20 +144,32 @@ impl Tile {
         self.least[block]
     }
 
-    /// As [`Self::offer`] where the difference is clear; else changes nothing and returns `false`. Which
-    /// is nearer cannot be foreseen: nothing branches on it.
+    /// As [`Self::offer`] for many places, triangles and how near they are, where the difference is clear;
+    /// `unsure` is called with the others. Which is nearer cannot be foreseen: nothing branches on it.
     #[inline(always)]
-    pub(crate) fn try_offer(&mut self, index: usize, (triangle, nearness): (u32, f32)) -> bool {
-        let (near, number) = (&mut self.nearness[index], &mut self.triangles[index]);
-        let there = *near;
-        let wins = nearness > there * (1.0 + DOUBT);
-        *near = f32::from_bits(select_unpredictable(
-            wins,
-            nearness.to_bits(),
-            there.to_bits(),
-        ));
-        *number = select_unpredictable(wins, triangle, *number);
-        wins | (nearness < there * (1.0 - DOUBT))
+    pub(crate) fn try_offers(
+        &mut self,
+        offers: impl Iterator<Item = (usize, (u32, f32))>,
+        mut unsure: impl FnMut(usize, (u32, f32)),
+    ) {
+        let (all_near, all_numbers) = (&mut self.nearness[..], &mut self.triangles[..]);
+        for (index, (triangle, nearness)) in offers {
+            let (Some(near), Some(number)) = (all_near.get_mut(index), all_numbers.get_mut(index))
+            else {
+                continue;
+            };
+            let there = *near;
+            let wins = nearness > there * (1.0 + DOUBT);
+            *near = f32::from_bits(select_unpredictable(
+                wins,
+                nearness.to_bits(),
+                there.to_bits(),
+            ));
+            *number = select_unpredictable(wins, triangle, *number);
+            if !(wins | (nearness < there * (1.0 - DOUBT))) {
+                unsure(index, (triangle, nearness));
+            }
+        }
     }
 
     /// Whether what is at a sample clearly hides a surface of a nearness that is roughly known.
