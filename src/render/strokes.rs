@@ -37,24 +37,37 @@ impl Stored {
         let to = spot(self.columns[1][lane], self.rows[1][lane]);
         let steps = l.load(&STEPS);
         let pen = Pen::of(l, self, lane);
-        for first in (from.column..=to.column).step_by(LANES) {
-            let mut start = [steps; 3];
-            let mut down = [steps; 3];
-            let right = (first - from.column) as f32;
-            for edge in 0..3 {
-                let along = self.along_x[edge][lane];
-                let corner = l.splat(self.at[edge][lane] + along * right);
-                start[edge] = l.mul_add(l.splat(along), steps, corner);
-                down[edge] = l.splat(self.along_y[edge][lane]);
-            }
-            let (one, mut y) = (l.splat(1.0), l.splat(0.0));
-            for row in from.row..=to.row {
+        let one = l.splat(1.0);
+        let (mut start, mut down) = ([steps; 3], [steps; 3]);
+        for edge in 0..3 {
+            let along = l.splat(self.along_x[edge][lane]);
+            start[edge] = l.mul_add(along, steps, l.splat(self.at[edge][lane]));
+            down[edge] = l.splat(self.along_y[edge][lane]);
+        }
+        // Most are no wider than one stroke.
+        let mut first = from.column;
+        loop {
+            let mut y = l.splat(0.0);
+            let mut index = from.row * STRIDE + first;
+            let last = to.row * STRIDE + first;
+            while index <= last {
                 let mut at = start;
                 for edge in 0..3 {
                     at[edge] = l.mul_add(down[edge], y, start[edge]);
                 }
                 y = l.add(y, one);
-                pen.stroke(l, brush, (row * STRIDE + first, triangle), at);
+                pen.stroke(l, brush, (index, triangle), at);
+                index += STRIDE;
+            }
+            first += LANES;
+            if first > to.column {
+                break;
+            }
+            let right = l.splat((first - from.column) as f32);
+            for edge in 0..3 {
+                let along = l.splat(self.along_x[edge][lane]);
+                let corner = l.mul_add(along, right, l.splat(self.at[edge][lane]));
+                start[edge] = l.mul_add(along, steps, corner);
             }
         }
     }

@@ -138,7 +138,10 @@ impl Tile {
                     *least = if sample < *least { sample } else { *least };
                 }
             }
-            self.least[block] = least.into_iter().fold(f32::INFINITY, f32::min);
+            let less = |a: f32, b: f32| if a < b { a } else { b };
+            let [a, b, c, d, e, f, g, h] = least;
+            let (left, right) = (less(less(a, e), less(c, g)), less(less(b, f), less(d, h)));
+            self.least[block] = less(left, right);
             self.dirty &= !(1 << block);
         }
         self.least[block]
