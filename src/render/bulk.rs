@@ -1,7 +1,7 @@
 //! Many rays from one point: brought into an order in which neighbours point alike, then traced in packets.
 
 use super::packet::{Packet, RAYS, Room};
-use super::triangle::Ray;
+use super::triangle::{Ray, longest_axis};
 use super::{Hit, Renderer, Visible};
 use glam::DVec3;
 
@@ -51,6 +51,7 @@ impl Bundle<'_> {
             for (direction, &index) in directions.iter_mut().zip(some) {
                 *direction = self.directions[index as usize];
             }
+            let lines = directions.map(|direction| Ray::new(origin, direction));
             let directions = &directions[..some.len()];
             let mut packet = Packet::new(origin, directions, self.range.1);
             for (ray, &index) in some.iter().enumerate() {
@@ -62,10 +63,14 @@ impl Bundle<'_> {
                     }
                 }
             }
+            #[cfg(test)]
+            tests::TOGETHER.with(|count| {
+                let together = (0..some.len()).filter(|&ray| packet.has(ray)).count();
+                count.set(count.get() + together);
+            });
             let meet = |ray: usize, triangle: u32| {
                 let triangle = triangle as usize;
-                let line = Ray::new(origin, directions[ray]);
-                let crossing = renderer.cross(&line, triangle, self.range)?;
+                let crossing = renderer.cross(&lines[ray], triangle, self.range)?;
                 Some(take(some[ray] as usize, Visible { triangle, crossing }))
             };
             packet.trace(&renderer.clusters, (renderer.mesh, &mut room), meet);
@@ -83,14 +88,7 @@ fn order(directions: &[DVec3]) -> Vec<u32> {
 
 /// A direction's face, then its place on the Z-order curve there.
 fn place(direction: &DVec3) -> u32 {
-    let size = direction.abs();
-    let axis = if size.x > size.y.max(size.z) {
-        0
-    } else if size.y > size.z {
-        1
-    } else {
-        2
-    };
+    let axis = longest_axis(*direction);
     let along = direction[axis];
     let [x, y] = [1, 2].map(|other| direction[(axis + other) % 3] / along.abs());
     let steps = f64::from(1u32 << (PLACE_BITS - 1));
@@ -116,4 +114,51 @@ fn spaced(value: u32) -> u32 {
         value = (value | value << shift) & mask;
     }
     value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::oracle::Oracle;
+    use mvs_datasets::scene::Mesh;
+    use std::cell::Cell;
+
+    thread_local! {
+        /// Rays that went through the tree in packets.
+        pub(super) static TOGETHER: Cell<usize> = const { Cell::new(0) };
+    }
+
+    #[test]
+    fn all_rays_that_have_a_direction_travel_in_packets() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+        let faces = vec![[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]];
+        let mesh = Mesh::new(corners.to_vec(), faces).unwrap();
+        let renderer = Renderer::new(&mesh).unwrap();
+        let oracle = Oracle::new(&mesh);
+        let (origin, range) = (DVec3::new(2.0, 3.0, 1.5), (0.0, f64::INFINITY));
+        let mut directions: Vec<DVec3> = (0..500)
+            .map(|step| {
+                let (turn, high) = (0.37 * f64::from(step), 0.01 * f64::from(step));
+                DVec3::new(
+                    -2.0 + 0.6 * turn.sin(),
+                    -3.0 + 0.6 * turn.cos(),
+                    -3.5 + high,
+                )
+            })
+            .collect();
+        directions.extend([DVec3::NAN, DVec3::INFINITY]);
+        let bundle = Bundle {
+            origin,
+            directions: &directions,
+            range,
+        };
+        TOGETHER.set(0);
+        let hits = bundle.first_hits(&renderer);
+        assert_eq!(TOGETHER.get(), 500);
+        let alone = |&direction: &DVec3| oracle.first_hit(origin, direction, range);
+        let expected: Vec<Option<Hit>> = directions.iter().map(alone).collect();
+        assert_eq!(hits, expected);
+        let met = hits.iter().flatten().count();
+        assert!((50..450).contains(&met), "{met}");
+    }
 }

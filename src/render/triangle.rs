@@ -19,6 +19,18 @@ pub(crate) struct Ray {
     scale: f64,
 }
 
+/// The axis along which a direction reaches farthest.
+pub(crate) fn longest_axis(direction: DVec3) -> usize {
+    let size = direction.abs();
+    if size.x > size.y.max(size.z) {
+        0
+    } else if size.y > size.z {
+        1
+    } else {
+        2
+    }
+}
+
 /// Where a line meets a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Crossing {
@@ -31,15 +43,7 @@ pub(crate) struct Crossing {
 impl Ray {
     /// A ray in any direction but zero.
     pub(crate) fn new(origin: DVec3, direction: DVec3) -> Self {
-        let magnitude = direction.abs();
-        let along = if magnitude.x > magnitude.y.max(magnitude.z) {
-            0
-        } else if magnitude.y > magnitude.z {
-            1
-        } else {
-            2
-        };
-        Self::along_axis(origin, direction, along)
+        Self::along_axis(origin, direction, longest_axis(direction))
     }
 
     /// A ray of a pinhole camera, in the camera's frame: through the point `direction` at depth 1.
