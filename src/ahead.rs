@@ -41,8 +41,8 @@ pub(crate) fn past_border<T: Word>(words: &[T], at: usize) -> usize {
     words.as_ptr().wrapping_add(at).addr() / size_of::<T>() % WORDS
 }
 
-/// Writes past the caches. No other thread may look at what was written before this is dropped, which waits
-/// for the writes to be done.
+/// Writes past the caches. Nobody may look at what was written before this is dropped, which waits for the
+/// writes to be done.
 #[derive(Debug)]
 pub(crate) struct Stream {
     /// The thread that writes has to be the one that waits.
@@ -59,6 +59,7 @@ impl Stream {
     /// Copies words, past the caches where whole cache lines are written.
     #[inline(always)]
     pub(crate) fn copy<T: Word>(&self, from: &[T], to: &mut [T]) {
+        const { assert!(size_of::<T>() * WORDS == LINE) };
         #[cfg(target_arch = "x86_64")]
         if past_border(to, 0) == 0 && to.len().is_multiple_of(WORDS) && from.len() == to.len() {
             use std::arch::x86_64::{_mm_loadu_ps, _mm_stream_ps};

@@ -4,8 +4,16 @@ use crate::error::{Error, Result};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Runs `work` with at most `threads` threads; 0 stands for all that the machine offers.
+/// More than any machine has processors for; starting each of them is work.
+const MOST_THREADS: usize = 1024;
+
+/// Runs `work` with at most `threads` threads; 0 stands for all that the machine offers. An error for more
+/// than 1024.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
+    if threads > MOST_THREADS {
+        let problem = format!("expected at most {MOST_THREADS} threads, found {threads}");
+        return Err(Error::invalid("--threads", problem));
+    }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
@@ -92,6 +100,15 @@ mod tests {
                     .all(|(index, &square)| square == index * index)
             );
         }
+    }
+
+    #[test]
+    fn more_threads_than_any_machine_runs_are_refused() {
+        let refused = with_threads(100_000, || 1).unwrap_err().to_string();
+        assert_eq!(
+            refused,
+            "--threads: expected at most 1024 threads, found 100000"
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -28,6 +28,10 @@ pub struct Run {
     /// BLAKE3 of each input, by the path it was given as.
     #[serde(default)]
     pub inputs: BTreeMap<String, String>,
+    /// The files of a result folder that this run wrote, by their paths in it; a later run with
+    /// `--force` removes those that it does not write again.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub files: BTreeSet<String>,
 }
 
 impl Run {
@@ -45,6 +49,7 @@ impl Run {
             revision: REVISION.to_owned(),
             options,
             inputs,
+            files: BTreeSet::new(),
         })
     }
 
@@ -85,6 +90,10 @@ impl Run {
 pub fn hash_path(path: &Path) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     if !path.is_dir() {
+        if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+            let problem = "expected a regular file, found a pipe or a device: write its content to a file first";
+            return Err(Error::invalid(path.display().to_string(), problem));
+        }
         hasher
             .update_mmap(path)
             .map_err(mvs_datasets::Error::io(path, "read"))?;

@@ -1,4 +1,4 @@
-//! The one place with unsafe code: files seen as bytes without copying them.
+//! Files seen as bytes without copying them.
 #![allow(
     unsafe_code,
     reason = "memory maps have no safe constructor; reviewed here, used nowhere else"
@@ -17,17 +17,24 @@ pub(crate) struct MappedFile {
 impl MappedFile {
     /// Maps the whole of `path`.
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(Error::io(path, "open"))?;
-        let metadata = file.metadata().map_err(Error::io(path, "read the size"))?;
+        let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
         if metadata.is_dir() {
             return Err(Error::layout(path, "expected a file, found a folder"));
         }
+        if !metadata.is_file() {
+            return Err(Error::layout(
+                path,
+                "expected a regular file, found a pipe or a device: write its content to a file first",
+            ));
+        }
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
         if metadata.len() == 0 {
             return Ok(Self { map: None });
         }
-        // SAFETY: the map is read-only and never handed out as anything but `&[u8]`. Another
-        // process that truncates the file while it is mapped ends this one with SIGBUS; inputs are
-        // documented as not to be changed during a run, and every value read is checked before use.
+        // SAFETY: the map is read-only. Nothing of this program writes to a file that it reads: outputs
+        // replace files as a whole. Users are told (README, --help) that inputs must not change during a
+        // run: another process that shortens the file ends this one with SIGBUS, and what one writes to
+        // it can be seen here after it was checked.
         let map = unsafe { memmap2::Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
         Ok(Self { map: Some(map) })
     }

@@ -173,7 +173,6 @@ pub(crate) fn execute(job: &GenerateJob, global: &Global) -> anyhow::Result<Verd
 }
 
 fn execute_part(job: &GenerateJob, part: Part, global: &Global) -> anyhow::Result<Verdict> {
-    super::memory::keep_buffers();
     let outcome = with_context(global, |context| generate::run(job, part, context))?;
     answer(global.format, &outcome, || {
         let mut table = table(&["scene", "views"]);
@@ -195,7 +194,6 @@ fn run_all(
         global.config.is_none(),
         "expected no --config beside --manifest: put shared options under [defaults]"
     );
-    super::memory::keep_buffers();
     let flags = config::layer_of(args).context("flags")?;
     let outcome = with_context(global, |context| {
         generate_all::run(manifest, &flags, part, context)

@@ -12,14 +12,16 @@ const TRIM_THRESHOLD: i32 = -1;
 /// `M_ARENA_MAX`.
 const ARENAS: i32 = -8;
 
-/// Sets a parameter of glibc's allocator; elsewhere nothing.
+/// Sets a parameter of glibc's allocator, over what the environment says; elsewhere nothing. Called while
+/// there is one thread: others would read the parameters without a lock.
 fn set(parameter: i32, value: i32) {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
         unsafe extern "C" {
-            safe fn mallopt(parameter: i32, value: i32) -> i32;
+            fn mallopt(parameter: i32, value: i32) -> i32;
         }
-        mallopt(parameter, value);
+        // SAFETY: changes numbers of the allocator, which it reads under no lock; there is no other thread.
+        unsafe { mallopt(parameter, value) };
     }
     #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
     let _ = (parameter, value);
@@ -46,8 +48,8 @@ pub(super) fn reuse_large_buffers() {
 
 /// Has freed buffers stay with the program: one view after the other wants the same ones, and pages that
 /// are given back are filled with zeros anew, a tenth of the time of a generated image. The threads share
-/// one pool: of a thread's own, glibc gives what is large and free back to the system whatever it is told.
-/// Few allocations are large or often enough to meet there.
+/// one pool, if this is called before they start: of a thread's own, glibc gives what is large and free back
+/// to the system whatever it is told. Few allocations are large or often enough to meet there.
 pub(super) fn keep_buffers() {
     set(ARENAS, 1);
     // The most that glibc takes; it ignores what is above.
@@ -131,6 +133,26 @@ mod pages {
         ))
     }
 
+    /// Gives back what is kept: whether that was anything.
+    fn release() -> bool {
+        let mut any = false;
+        while let Some(chunk) = kept_chunk() {
+            // SAFETY: who is kept has no user.
+            unsafe { munmap(chunk.cast(), CHUNK) };
+            any = true;
+        }
+        any
+    }
+
+    /// What `ask` gives; where it has nothing, what it gives once all that is kept has gone back.
+    fn insist(ask: impl Fn() -> *mut u8) -> *mut u8 {
+        let at = ask();
+        match at.is_null() && release() {
+            true => ask(),
+            false => at,
+        }
+    }
+
     fn is_large(layout: Layout) -> bool {
         layout.size() >= CHUNK && layout.align() <= CHUNK
     }
@@ -201,7 +223,9 @@ mod pages {
     /// Both are chunks of mappings; nobody uses `from` afterwards, or what was in `to`.
     unsafe fn move_chunk(from: *mut u8, to: *mut u8) {
         // SAFETY: as the caller has it. Where the system cannot move it, a new one in its place gets a
-        // copy; without that there is a hole in a buffer, and no going on.
+        // copy; without that there is a hole in a buffer, and no going on. (A system that gives up midway,
+        // having no memory for its own tables, leaves a hole that another thread's mapping could fill
+        // before ours replaces it; one that has too many mappings, the case foreseen, says so at once.)
         unsafe {
             if !failed(mremap(from.cast(), CHUNK, CHUNK, MAY_MOVE_TO_PLACE, to)) {
                 return;
@@ -233,7 +257,7 @@ mod pages {
     /// A new mapping, or null, and how many of its first bytes hold what was in kept chunks; the others
     /// are 0.
     fn mapped(size: usize) -> (*mut u8, usize) {
-        let at = map(size);
+        let at = insist(|| map(size));
         if at.is_null() {
             return (at, 0);
         }
@@ -270,7 +294,7 @@ mod pages {
                 return mapped(layout.size()).0;
             }
             // SAFETY: as the caller has it.
-            counted(unsafe { System.alloc(layout) }, layout)
+            counted(insist(|| unsafe { System.alloc(layout) }), layout)
         }
 
         unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
@@ -284,7 +308,8 @@ mod pages {
                 return at;
             }
             // SAFETY: as the caller has it.
-            counted(unsafe { System.alloc_zeroed(layout) }, layout)
+            let at = insist(|| unsafe { System.alloc_zeroed(layout) });
+            counted(at, layout)
         }
 
         unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
@@ -320,7 +345,7 @@ mod pages {
             }
             if !is_mapped(layout) {
                 // SAFETY: as the caller has it; it stays large and counted, or small.
-                return unsafe { System.realloc(at, layout, size) };
+                return insist(|| unsafe { System.realloc(at, layout, size) });
             }
             // SAFETY: a mapping that stays one.
             unsafe {
@@ -362,7 +387,7 @@ mod pages {
     /// # Safety
     /// `at` is a mapping for `old` bytes, fewer than `new`; nobody uses it afterwards but for null.
     unsafe fn grown(at: *mut u8, old: usize, new: usize) -> *mut u8 {
-        let place = map(new);
+        let place = insist(|| map(new));
         if place.is_null() {
             return place;
         }
@@ -414,6 +439,26 @@ mod pages {
                 drop(other);
                 assert!(vec![0u8; size + 3].iter().all(|&byte| byte == 0));
             }
+        }
+
+        #[test]
+        fn what_is_kept_goes_back_before_memory_is_refused() {
+            wait_to_take_over();
+            let refused_once = || {
+                drop(vec![1u8; CHUNK]);
+                let times = std::cell::Cell::new(0);
+                let at = insist(|| {
+                    times.set(times.get() + 1);
+                    match times.get() {
+                        1 => null_mut(),
+                        _ => std::ptr::dangling_mut(),
+                    }
+                });
+                times.get() == 2 && !at.is_null()
+            };
+            // Other tests may take the chunk first.
+            assert!((0..1000).any(|_| refused_once()));
+            assert_eq!(insist(std::ptr::dangling_mut), std::ptr::dangling_mut());
         }
 
         #[test]

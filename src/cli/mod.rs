@@ -27,6 +27,7 @@ mod verify;
 use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use common::{Global, Verdict};
 use std::ffi::OsString;
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 const ABOUT: &str = "Benchmark and evaluation suite for multi-view-stereo point clouds";
@@ -41,7 +42,8 @@ Benchmark and evaluation suite for multi-view-stereo (MVS) point clouds.
 Try `mvs-eval demo`: it does all of it on a scene that the program makes itself.
 
 Every result folder holds a run.toml with all options and the hashes of the inputs;
-`mvs-eval replay run.toml --out NEW` makes the result again. The answer goes to stdout (a table on
+`mvs-eval replay run.toml --out NEW` makes the result again. Inputs are read where they lie and must not
+change while a command runs: the system ends a program whose file gets shorter. The answer goes to stdout (a table on
 a terminal, JSON otherwise), progress and warnings to stderr.
 
 Exit codes: 0 done; 1 done, and a check or gate failed; 2 could not do it.";
@@ -76,19 +78,35 @@ enum Command {
     Replay(replay::ReplayArgs),
 }
 
+impl Command {
+    /// Says how the command wants its memory: before there is a second thread, which would have a pool of
+    /// buffers of its own by then.
+    fn settle_memory(&self) {
+        let replayed = match self {
+            Self::Replay(args) => args.command(),
+            _ => None,
+        };
+        match (self, replayed.as_deref()) {
+            (Self::Score(_), _) | (_, Some("score")) => memory::reuse_large_buffers(),
+            (Self::Generate(_), _) | (_, Some("generate")) => memory::keep_buffers(),
+            _ => {}
+        }
+    }
+}
+
 /// Runs the command line of this process.
 pub(crate) fn main() -> ExitCode {
     let cli = match parse(std::env::args_os()) {
         Ok(cli) => cli,
         Err(error) => {
             let code = if error.use_stderr() { 2 } else { 0 };
-            return if error.print().is_ok() {
-                ExitCode::from(code)
-            } else {
-                ExitCode::from(2)
+            return match error.print() {
+                Err(failed) if failed.kind() != ErrorKind::BrokenPipe => ExitCode::from(2),
+                _ => ExitCode::from(code),
             };
         }
     };
+    cli.command.settle_memory();
     let outcome = common::install_interrupt()
         .and_then(|()| common::in_pool(cli.global.threads, || run(&cli.command, &cli.global)));
     match outcome {

@@ -22,6 +22,13 @@ pub(crate) struct ReplayArgs {
     out: Option<PathBuf>,
 }
 
+impl ReplayArgs {
+    /// The command that is to run again, if the file can be read.
+    pub(super) fn command(&self) -> Option<String> {
+        Run::read(&self.run).ok().map(|run| run.command)
+    }
+}
+
 pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict> {
     let run = Run::read(&args.run)?;
     for path in run.changed_inputs() {

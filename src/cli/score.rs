@@ -35,10 +35,12 @@ pub(crate) struct ScoreArgs {
     #[arg(long, value_name = "DIR")]
     scene: Option<PathBuf>,
     /// tnt: score every scene folder in this folder with every method in it, going on after failures;
-    /// a method is a sub-folder with one .ply and one .log (or one .txt, its transform)
+    /// a method is a sub-folder with one .ply and one .log, or else a COLMAP model of its cameras (there,
+    /// in sparse or in sparse/0), or else one .txt, its transform
     #[arg(long, value_name = "ROOT", conflicts_with_all = ["scene", "reconstruction"])]
     all: Option<PathBuf>,
-    /// With --all: take <method>/<Scene>.ply and .log from this folder of submissions
+    /// With --all: take <method>/<Scene>.ply and <Scene>.log, the model in <Scene>/ or <Scene>.txt from
+    /// this folder of submissions
     #[arg(long, value_name = "DIR", requires = "all")]
     methods: Option<PathBuf>,
     /// plain: the true surface, a PLY cloud or any mesh that --reconstruction takes
@@ -135,7 +137,6 @@ pub(crate) fn run(args: &ScoreArgs, global: &Global) -> anyhow::Result<Verdict> 
 }
 
 pub(crate) fn execute(job: &ScoreJob, global: &Global) -> anyhow::Result<Verdict> {
-    super::memory::reuse_large_buffers();
     if job.all.is_some() {
         let outcome = with_context(global, |context| score_all::run(job, context))?;
         answer(global.format, &outcome, || batch_table(&outcome))?;

@@ -1,7 +1,7 @@
 //! `mvs-eval compare`: two sets of records, cell by cell.
 
 use super::{Context, report};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::report::compare::{self, CompareOptions, Comparison, Mixing};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -22,6 +22,10 @@ pub struct CompareJob {
 
 /// Compares the F-scores.
 pub fn run(job: &CompareJob, _context: &Context<'_>) -> Result<Comparison> {
+    if let Some(tolerance) = job.tolerance.filter(|value| !(0.0..=1.0).contains(value)) {
+        let problem = format!("expected a difference of F-scores from 0 to 1, found {tolerance}");
+        return Err(Error::invalid("--tolerance", problem));
+    }
     let before = report::read_all(std::slice::from_ref(&job.before), None)?.1;
     let after = report::read_all(std::slice::from_ref(&job.after), None)?.1;
     let standard = CompareOptions::default();

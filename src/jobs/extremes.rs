@@ -11,7 +11,7 @@ mod render;
 mod score;
 
 use super::{Context, OutDir};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::provenance::Run;
 use place::Place;
 use serde::{Deserialize, Serialize};
@@ -158,6 +158,11 @@ impl Rows {
 
 /// Measures everything and writes `extremes.csv`.
 pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> {
+    for (value, option) in [(job.points, "--points"), (job.width, "--width")] {
+        if value == 0 {
+            return Err(Error::invalid(option, "expected at least 1, found 0"));
+        }
+    }
     let out = OutDir::create(&job.out, Run::new("extremes", job, &[])?, context.force)?;
     let rows = measure(job, context)?;
     out.write("extremes.csv", |file| {

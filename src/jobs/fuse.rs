@@ -100,6 +100,16 @@ impl FuseJob {
 
     fn check(&self) -> Result<()> {
         self.fuse.check()?;
+        if self.scene.as_os_str().is_empty() {
+            return Err(Error::invalid(
+                "fuse",
+                "expected a scene folder, found none",
+            ));
+        }
+        if self.fuse.confidence_quantile != 0.0 && self.confidence.is_empty() {
+            let problem = "needs --confidence, whose maps it is a quantile of";
+            return Err(Error::invalid("--confidence-quantile", problem));
+        }
         let merges = self.fuse.mode == FuseMode::Cluster || self.voxel != 0.0;
         if self.filtered_depths.is_some() && merges {
             let problem = "expected a mode whose points belong to pixels, found merged points: leave \
@@ -173,7 +183,8 @@ struct Report<'a> {
 pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     job.check()?;
     let (report, run_file) = (report_path(&job.out), run_file_beside(&job.out));
-    check_out_files(&[&job.out, &report, &run_file], context.force)?;
+    let visible = visible_path(&job.out);
+    check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
     let maps = FolderMaps::open(job, context)?;
     let run = Run::new("fuse", job, &as_paths(&job.inputs()))?;
     remove_if_there(&run_file)?; // it comes back last: without it the result is not whole
@@ -190,6 +201,9 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         warnings: context.warnings,
     };
     let outcome = write_cloud(job, &maps, (&inputs, context.force))?;
+    if !job.vis {
+        remove_if_there(&visible)?; // that of the cloud before
+    }
     write_report(job, &outcome)?;
     run.write(&run_file)?;
     Ok(outcome)
@@ -261,7 +275,6 @@ fn write_cloud(
     let depths = depths.transpose()?;
     let mut failed = None;
     let mut outcome = None;
-    let mut filtered = None;
     let written = files::write_atomically(&job.out, |out| {
         let columns = columns(maps, &job.fuse);
         let ply = output::PlySink::new(out, (columns, job.properties), &comments(job), &job.out)?;
@@ -271,9 +284,14 @@ fn write_cloud(
             depths,
             maps,
         };
-        match fuse_into(job, inputs, &mut outputs) {
+        // The cloud comes last: without it there is no result.
+        let fused = fuse_into(job, inputs, &mut outputs).and_then(|fused| {
+            let filtered = outputs.depths.take();
+            filtered.map_or(Ok(()), output::DepthFolder::finish)?;
+            Ok(fused)
+        });
+        match fused {
             Ok((counts, merged)) => {
-                filtered = outputs.depths.take();
                 outcome = Some((outputs.finish()?, counts, merged));
                 Ok(())
             }
@@ -287,7 +305,6 @@ fn write_cloud(
         return Err(error);
     }
     written?;
-    filtered.map_or(Ok(()), output::DepthFolder::finish)?;
     let (points, counts, merged_in_voxels) = outcome.unwrap_or_default();
     Ok(FuseOutcome {
         views: maps.count(),

@@ -3,9 +3,11 @@
 use crate::error::{Error, Result};
 use crate::provenance::Run;
 use mvs_datasets::layout::files;
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// The mark of a finished result folder.
 const FINISHED: &str = "run.toml";
@@ -13,11 +15,16 @@ const FINISHED: &str = "run.toml";
 const UNFINISHED: &str = "run.partial.toml";
 
 /// A folder for a result. Files in it are written to a temporary name and renamed; its `run.toml`
-/// appears last, so a folder without it is not finished.
+/// appears last, so a folder without it is not finished. Of a result that is replaced, the files that the
+/// new one does not have are removed then; until a first file is asked for it stays as it is.
 #[derive(Debug)]
 pub struct OutDir {
     path: PathBuf,
     run: Run,
+    /// The finished result that is to be replaced.
+    before: Option<Run>,
+    /// The files that were asked for.
+    asked: Mutex<BTreeSet<PathBuf>>,
 }
 
 impl OutDir {
@@ -25,17 +32,28 @@ impl OutDir {
     /// that an interrupted run of the same options and inputs left behind, or, with `force`, any.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
         check_given(path)?;
+        check_not_read(path, &run)?;
         fs::create_dir_all(path).map_err(mvs_datasets::Error::io(path, "create the folder"))?;
-        let out = Self {
-            path: path.to_path_buf(),
-            run,
-        };
+        let mut out = Self::at(path, run);
         if out.has_files()? && !force && !out.is_marked(UNFINISHED) {
             return Err(Error::exists(path));
         }
-        out.run.write(&out.file(UNFINISHED))?;
-        remove_if_there(&out.file(FINISHED))?;
+        let marked = |mark: &str| Run::read(&path.join(mark)).ok();
+        out.before = marked(FINISHED);
+        let replaced = out.before.clone().or_else(|| marked(UNFINISHED));
+        out.run.files = replaced.map(|run| run.files).unwrap_or_default();
+        out.run.write(&path.join(UNFINISHED))?;
+        remove_if_there(&path.join(FINISHED))?;
         Ok(out)
+    }
+
+    fn at(path: &Path, run: Run) -> Self {
+        Self {
+            path: path.to_path_buf(),
+            run,
+            before: None,
+            asked: Mutex::default(),
+        }
     }
 
     /// Whether the folder holds anything but the mark of a run that failed before its first file and
@@ -55,17 +73,13 @@ impl OutDir {
     /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the
     /// same bytes are made again.
     pub fn create_again(path: &Path, run: Run, force: bool) -> Result<Self> {
-        let same = Self {
-            path: path.to_path_buf(),
-            run: run.clone(),
-        }
-        .is_marked(FINISHED);
+        let same = Self::at(path, run.clone()).is_marked(FINISHED);
         Self::create(path, run, force || same)
     }
 
     /// Whether the mark in the folder is that of the same options and inputs.
     fn is_marked(&self, mark: &str) -> bool {
-        Run::read(&self.file(mark)).is_ok_and(|run| {
+        Run::read(&self.path.join(mark)).is_ok_and(|run| {
             let key = |run: &Run| (run.command.clone(), run.options.clone(), run.inputs.clone());
             key(&run) == key(&self.run)
         })
@@ -76,8 +90,10 @@ impl OutDir {
         &self.path
     }
 
-    /// The path of a file in it; `name` may have folders.
+    /// The path of a file in it that is to be written; `name` may have folders.
     pub fn file(&self, name: impl AsRef<Path>) -> PathBuf {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        asked.insert(name.as_ref().to_path_buf());
         self.path.join(name)
     }
 
@@ -97,10 +113,76 @@ impl OutDir {
         self.write(name, |out| writeln!(out, "{text}"))
     }
 
-    /// Marks the result as finished.
-    pub fn finish(self) -> Result<()> {
-        self.run.write(&self.file(FINISHED))?;
-        remove_if_there(&self.file(UNFINISHED))
+    /// Marks the result as finished, and removes what only the one before it had.
+    pub fn finish(mut self) -> Result<()> {
+        self.before = None;
+        let asked = std::mem::take(self.asked.get_mut().unwrap_or_else(PoisonError::into_inner));
+        let names = asked.iter().filter(|name| self.path.join(name).is_file());
+        let written: BTreeSet<String> = names.filter_map(|name| as_text(name)).collect();
+        for name in self.run.files.difference(&written) {
+            remove_within(&self.path, name)?;
+        }
+        self.run.files = written;
+        self.run.write(&self.path.join(FINISHED))?;
+        remove_if_there(&self.path.join(UNFINISHED))
+    }
+}
+
+impl Drop for OutDir {
+    /// A run that failed before its first file leaves the result before it as it was.
+    fn drop(&mut self) {
+        let asked = self.asked.get_mut().unwrap_or_else(PoisonError::into_inner);
+        if let (Some(before), true) = (&self.before, asked.is_empty())
+            && before.write(&self.path.join(FINISHED)).is_ok()
+        {
+            // Nothing can be said of a failure here; both marks together are known as unfinished.
+            let _ = remove_if_there(&self.path.join(UNFINISHED));
+        }
+    }
+}
+
+/// A path in a folder with `/` on every system; none for what is no text.
+fn as_text(name: &Path) -> Option<String> {
+    let parts: Option<Vec<&str>> = name.iter().map(|part| part.to_str()).collect();
+    parts.map(|parts| parts.join("/"))
+}
+
+/// Removes a file in `folder`, and the folders in between that are empty then.
+fn remove_within(folder: &Path, name: &str) -> Result<()> {
+    let name = Path::new(name);
+    let inside = |part| matches!(part, std::path::Component::Normal(_));
+    if !name.components().all(inside) {
+        return Ok(());
+    }
+    remove_if_there(&folder.join(name))?;
+    for parent in name
+        .ancestors()
+        .skip(1)
+        .filter(|parent| *parent != Path::new(""))
+    {
+        // One that is not empty stays.
+        let _ = fs::remove_dir(folder.join(parent));
+    }
+    Ok(())
+}
+
+/// No result goes into a folder that is read for it.
+fn check_not_read(path: &Path, run: &Run) -> Result<()> {
+    let Ok(real) = path.canonicalize() else {
+        return Ok(());
+    };
+    let is_it = |input: &&String| {
+        Path::new(input.as_str())
+            .canonicalize()
+            .is_ok_and(|input| input == real)
+    };
+    match run.inputs.keys().find(is_it) {
+        Some(input) => {
+            let problem =
+                "expected another folder for the result than those that are read, found an input";
+            Err(Error::invalid(input.clone(), problem))
+        }
+        None => Ok(()),
     }
 }
 
@@ -188,7 +270,7 @@ mod tests {
             "other options"
         );
         let out = OutDir::create(folder.path(), run_of(4), false).unwrap();
-        assert!(out.file("half.json").exists() && !out.file(FINISHED).exists());
+        assert!(out.file("half.json").exists() && !folder.path().join(FINISHED).exists());
         out.finish().unwrap();
         assert!(!folder.path().join(UNFINISHED).exists());
     }
@@ -208,10 +290,70 @@ mod tests {
             .unwrap()
             .finish()
             .unwrap();
-        assert!(OutDir::create(folder.path(), run_of(16), true).is_ok());
+        let out = OutDir::create(folder.path(), run_of(16), true).unwrap();
+        out.write_json("half.json", &1).unwrap();
+        drop(out);
         assert!(
             !folder.path().join(FINISHED).exists(),
             "a half-replaced result is known as such"
         );
+    }
+
+    fn write_all(folder: &Path, samples: u32, names: &[&str]) {
+        let out = OutDir::create(folder, run_of(samples), true).unwrap();
+        for name in names {
+            out.write_json(name, &samples).unwrap();
+        }
+        out.finish().unwrap();
+    }
+
+    #[test]
+    fn what_is_replaced_leaves_nothing_and_what_is_others_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let there = |name: &str| folder.path().join(name).exists();
+        write_all(
+            folder.path(),
+            4,
+            &["a.json", "maps/0.json", "maps/1.json", "old/0.json"],
+        );
+        let notes = folder.path().join("maps/notes");
+        files::write_atomically(&notes, |out| out.write_all(b"mine")).unwrap();
+        // One that is cut short and goes on.
+        let out = OutDir::create(folder.path(), run_of(16), true).unwrap();
+        out.write_json("maps/0.json", &16).unwrap();
+        drop(out);
+        assert!(there("a.json") && there("old/0.json") && !there(FINISHED));
+        write_all(folder.path(), 16, &["maps/0.json", "b.json"]);
+        let left = ["maps/0.json", "maps/notes", "b.json", FINISHED];
+        assert!(left.into_iter().all(there));
+        assert!(
+            !["a.json", "maps/1.json", "old", UNFINISHED]
+                .into_iter()
+                .any(there)
+        );
+        let files = Run::read(&folder.path().join(FINISHED)).unwrap().files;
+        assert_eq!(Vec::from_iter(files), ["b.json", "maps/0.json"]);
+        assert!(remove_within(folder.path(), "../x").is_ok());
+    }
+
+    #[test]
+    fn a_run_that_fails_before_its_first_file_leaves_the_result_before_it() {
+        let folder = tempfile::tempdir().unwrap();
+        write_all(folder.path(), 4, &["a.json"]);
+        let mark = fs::read(folder.path().join(FINISHED)).unwrap();
+        drop(OutDir::create(folder.path(), run_of(16), true).unwrap());
+        assert_eq!(fs::read(folder.path().join(FINISHED)).unwrap(), mark);
+        assert!(!folder.path().join(UNFINISHED).exists());
+    }
+
+    #[test]
+    fn no_result_goes_into_an_input() {
+        let folder = tempfile::tempdir().unwrap();
+        let photos = folder.path().join("photos");
+        fs::create_dir(&photos).unwrap();
+        let run = Run::new("blend", &RenderJob::default(), &[&photos]).unwrap();
+        let error = OutDir::create(&folder.path().join("photos/../photos"), run, true);
+        let said = error.unwrap_err().to_string();
+        assert!(said.contains("photos: expected another folder"), "{said}");
     }
 }

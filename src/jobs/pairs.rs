@@ -65,7 +65,9 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
             ("--out", &[&job.out], "a pair.txt to write"),
         ],
     )?;
+    let run_file = run_file_beside(&job.out);
     check_out_file(&job.out, context.force)?;
+    check_out_file(&run_file, context.force)?;
     let (views, sources, meshes) = if job.mesh.is_empty() {
         let model = read_model(job, context)?;
         let sources = sparse_sources(&model.views, (&model.points, &model.seen), &job.pairs)?;
@@ -102,7 +104,7 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     };
     let entries: Vec<PairEntry> = outcome.views.iter().map(entry).collect();
     files::write_atomically(&job.out, |out| pair::write(out, &entries))?;
-    run.write(&run_file_beside(&job.out))?;
+    run.write(&run_file)?;
     Ok(outcome)
 }
 

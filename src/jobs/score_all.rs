@@ -5,14 +5,19 @@ use super::{Context, OutDir};
 use crate::error::{Error, Result};
 use crate::provenance::{Run, VERSION, sorted_entries};
 use crate::report::record::{self, Record};
+use crate::warning::Warnings;
 use mvs_datasets::layout::files;
-use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
+use mvs_datasets::layout::tnt::{TntFolder, known_tolerance, model_images};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// What a file name ends in that names its folder a scene's.
 const SCENE_MARK: &str = "_trans.txt";
+
+/// What a folder lacks whose reconstruction cannot be aligned.
+const NOT_ALIGNED: &str =
+    ".log of its cameras, no COLMAP model of them and no .txt with its transform";
 
 /// What became of every scene and method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -64,8 +69,10 @@ struct Files {
 }
 
 /// Scores everything that `job.all` holds. Scene folders are `ROOT/<folder>/` with the files of a
-/// Tanks and Temples scene. Methods are their sub-folders with one `.ply` and one `.log` (or one `.txt`
-/// that holds a 4×4 transform), or, with `job.methods`, `METHODS/<method>/<Scene>.ply` beside `<Scene>.log` (or `.txt`).
+/// Tanks and Temples scene. Methods are their sub-folders with one `.ply` and one `.log`, or else a
+/// COLMAP model (in the sub-folder, its `sparse` or `sparse/0`), or else one `.txt` that holds a 4×4
+/// transform. With `job.methods` they are `METHODS/<method>/<Scene>.ply` beside `<Scene>.log`, a
+/// folder `<Scene>` with the model, or `<Scene>.txt`.
 ///
 /// Results go to `OUT/<scene>/<method>/`, all rows to `OUT/scores.csv`; a failure is a row that says
 /// why. An error where nothing is found to score.
@@ -140,7 +147,10 @@ fn inputs_of(tasks: &[Task]) -> BTreeSet<PathBuf> {
         }
         if let Ok(files) = &task.files {
             let files = files.clone();
-            let aligned_by = files.trajectory.into_iter().chain(files.transform);
+            let cameras = files
+                .trajectory
+                .map(|path| model_images(&path).unwrap_or(path));
+            let aligned_by = cameras.into_iter().chain(files.transform);
             inputs.extend(aligned_by.chain([files.reconstruction]));
         }
     }
@@ -155,6 +165,7 @@ fn score_task(
 ) -> Result<ScoreDocument> {
     let inputs = task.files?;
     let folder = Path::new(&task.scene.name).join(&task.method);
+    let name = folder.display().to_string();
     let job = ScoreJob {
         all: None,
         methods: None,
@@ -169,7 +180,17 @@ fn score_task(
         out: out.file(folder),
         ..job.clone()
     };
-    score::run(&job, context)
+    let warnings = Warnings::default();
+    let inner = Context {
+        warnings: &warnings,
+        ..*context
+    };
+    let scored = score::run(&job, &inner);
+    for warning in warnings.sorted() {
+        let message = format!("{name}: {}", warning.message);
+        context.warnings.add(&warning.code, message);
+    }
+    scored
 }
 
 fn reported(
@@ -265,18 +286,18 @@ fn find_tasks(root: &Path, methods: Option<&Path>) -> Result<Vec<Task>> {
     Ok(tasks)
 }
 
-/// `METHODS/<method>/<Scene>.ply` with `<Scene>.log` or `<Scene>.txt` for every method.
+/// `METHODS/<method>/<Scene>.ply` with `<Scene>.log`, `<Scene>/` or `<Scene>.txt` for every method.
 fn submitted(scene: &SceneFolder, methods: &Path) -> Result<Vec<Task>> {
     let task = |folder: PathBuf| {
         let file = |extension: &str| folder.join(format!("{}.{extension}", scene.name));
         let there = |extension: &str| Some(file(extension)).filter(|path| path.is_file());
         let files = match there("ply") {
-            Some(reconstruction) => aligned(
-                reconstruction,
-                there("log").as_slice(),
-                there("txt").as_slice(),
-                &folder,
-            ),
+            Some(reconstruction) => {
+                let model = folder.join(&scene.name);
+                let texts = there("txt");
+                cameras(there("log").as_slice(), &model, &folder)
+                    .and_then(|cameras| aligned(reconstruction, cameras, texts.as_slice(), &folder))
+            }
             None => Err(missing(&folder, &format!("{}.ply", scene.name))),
         };
         Task {
@@ -302,7 +323,8 @@ fn beside(scene: &SceneFolder) -> Result<Vec<Task>> {
             continue;
         }
         let files = match clouds.as_slice() {
-            [one] => aligned(one.clone(), &ending("log"), &ending("txt"), &folder),
+            [one] => cameras(&ending("log"), &folder, &folder)
+                .and_then(|cameras| aligned(one.clone(), cameras, &ending("txt"), &folder)),
             [] => Err(missing(&folder, ".ply")),
             several => Err(too_many(&folder, ".ply", several)),
         };
@@ -315,44 +337,52 @@ fn beside(scene: &SceneFolder) -> Result<Vec<Task>> {
     Ok(tasks)
 }
 
-/// The reconstruction with its one log or, where there is no log, its one text file that holds a
+/// The reconstruction's cameras: the one log or, where there is none, the folder of the COLMAP model.
+fn cameras(logs: &[PathBuf], model: &Path, folder: &Path) -> Result<Option<PathBuf>> {
+    match logs {
+        [log] => Ok(Some(log.clone())),
+        [] => Ok(Some(model.to_owned()).filter(|model| model_images(model).is_some())),
+        several => Err(too_many(folder, ".log", several)),
+    }
+}
+
+/// The reconstruction with its cameras or, where there are none, its one text file that holds a
 /// transform.
 fn aligned(
     reconstruction: PathBuf,
-    logs: &[PathBuf],
+    cameras: Option<PathBuf>,
     texts: &[PathBuf],
     folder: &Path,
 ) -> Result<Files> {
-    let (trajectory, transform) = match logs {
-        [log] => (Some(log.clone()), None),
-        [] => {
-            let holds = |text: &&PathBuf| files::read_similarity(text).is_ok();
-            let transforms: Vec<PathBuf> = texts.iter().filter(holds).cloned().collect();
-            match (transforms.as_slice(), texts) {
-                ([one], _) => (None, Some(one.clone())),
-                // Its own reader says best what is wrong with it.
-                ([], [one]) => return Err(unreadable_transform(one, folder)),
-                ([], _) => {
-                    let what = ".log of its cameras and no .txt with its transform";
-                    return Err(missing(folder, what));
-                }
-                (several, _) => return Err(too_many(folder, ".txt with a transform", several)),
-            }
-        }
-        several => return Err(too_many(folder, ".log", several)),
+    let transform = match cameras {
+        Some(_) => None,
+        None => Some(transform_among(texts, folder)?),
     };
     Ok(Files {
         reconstruction,
-        trajectory,
+        trajectory: cameras,
         transform,
     })
+}
+
+/// The one text that holds a transform.
+fn transform_among(texts: &[PathBuf], folder: &Path) -> Result<PathBuf> {
+    let holds = |text: &&PathBuf| files::read_similarity(text).is_ok();
+    let transforms: Vec<PathBuf> = texts.iter().filter(holds).cloned().collect();
+    match (transforms.as_slice(), texts) {
+        ([one], _) => Ok(one.clone()),
+        // Its own reader says best what is wrong with it.
+        ([], [one]) => Err(unreadable_transform(one, folder)),
+        ([], _) => Err(missing(folder, NOT_ALIGNED)),
+        (several, _) => Err(too_many(folder, ".txt with a transform", several)),
+    }
 }
 
 /// Why a folder's only text is no transform.
 fn unreadable_transform(text: &Path, folder: &Path) -> Error {
     let why = files::read_similarity(text).err();
     let why = why.map_or_else(String::new, |error| format!(" ({error})"));
-    let what = format!(".log of its cameras and no .txt with its transform{why}");
+    let what = format!("{NOT_ALIGNED}{why}");
     missing(folder, &what)
 }
 

@@ -134,6 +134,10 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
             return Err(at(problem));
         }
     }
+    if boards.is_empty() {
+        let problem = "expected a row per method and metric, found none";
+        return Err(FormatError::new("table", problem));
+    }
     boards.iter_mut().for_each(fill);
     Ok(checked(&columns, &boards))
 }

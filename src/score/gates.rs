@@ -9,6 +9,7 @@ use super::plain::span;
 use super::refine::Stage;
 use super::tnt::Profile;
 use crate::error::Result;
+use crate::warning::Warning;
 use glam::DVec3;
 use mvs_datasets::scene::Aabb;
 use mvs_metrics::Tolerance;
@@ -221,16 +222,40 @@ pub fn of_crop(evaluation: &Evaluation, reconstruction: &Aabb, truth: &Aabb) -> 
         "{} of {} points of the reconstruction are inside the crop volume",
         side.cropped, side.input
     );
-    let mut cause = format!(
-        "the reconstruction spans {}, the truth {}",
-        span(reconstruction),
-        span(truth)
-    );
-    match unit_guess(reconstruction, truth) {
-        Some(unit) => cause.push_str(&format!("; units look like {unit}")),
-        None => cause.push_str("; the transform or the log seems to be another scene's"),
-    }
+    let cause = if side.input == 0 {
+        "the reconstruction has no points".to_owned()
+    } else {
+        let why = unit_guess(reconstruction, truth).map_or_else(
+            || "the transform or the log seems to be another scene's".to_owned(),
+            |unit| format!("units look like {unit}"),
+        );
+        format!("{}; {why}", spans(reconstruction, truth))
+    };
     Gate::new("crop-keeps-little", kept, (Some(MIN_CROP_KEPT), None), said).because(cause)
+}
+
+fn spans(reconstruction: &Aabb, truth: &Aabb) -> String {
+    let (reconstruction, truth) = (span(reconstruction), span(truth));
+    format!("the reconstruction spans {reconstruction}, the truth {truth}")
+}
+
+/// Why no point is right, where both sides have points and the score at τ is 0.
+pub fn of_nothing_right(
+    evaluation: &Evaluation,
+    tolerance: Tolerance,
+    (reconstruction, truth): (&Aabb, &Aabb),
+) -> Option<Warning> {
+    let sides = [&evaluation.reconstruction, &evaluation.truth];
+    let found = evaluation.score(tolerance).f_score() > 0.0;
+    if found || sides.iter().any(|side| side.input == 0) {
+        return None;
+    }
+    let why = unit_guess(reconstruction, truth).map_or_else(
+        || "do they share a frame?".to_owned(),
+        |unit| format!("units look like {unit}"),
+    );
+    let message = format!("F is 0 at τ: {}; {why}", spans(reconstruction, truth));
+    Some(Warning::new("nothing-right", message))
 }
 
 /// The unit that explains how much larger or smaller the reconstruction is than the truth.

@@ -318,6 +318,51 @@ fn inspect_understands_a_folder_of_tanks_and_temples() {
 
 /// A value below 0 is the command's to refuse: `-1` is no unknown argument.
 #[test]
+fn values_without_sense_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let out = ["--out", text(&out)];
+    for (arguments, parts) in [
+        (
+            &["compare", "a", "b", "--tolerance", "inf"][..],
+            &["--tolerance", "found inf"],
+        ),
+        (
+            &["compare", "a", "b", "--tolerance", "-1"],
+            &["--tolerance", "found -1"],
+        ),
+        (
+            &["demo", "--threads", "100000", out[0], out[1]],
+            &["--threads", "at most 1024"],
+        ),
+        (
+            &["extremes", "--width", "0", out[0], out[1]],
+            &["--width", "at least 1"],
+        ),
+        (
+            &["tradeoff", "--views", "0", out[0], out[1]],
+            &["--views", "at least 1"],
+        ),
+        (
+            &[
+                "fuse",
+                "--depths",
+                "x",
+                "--confidence-quantile",
+                "0.5",
+                "a",
+                out[0],
+                out[1],
+            ],
+            &["--confidence-quantile", "needs --confidence"],
+        ),
+    ] {
+        assert_refused(arguments, parts);
+        assert!(!folder.path().join("out").exists(), "{arguments:?}");
+    }
+}
+
+#[test]
 fn a_negative_value_is_refused_by_its_own_name() {
     let folder = tempfile::tempdir().unwrap();
     let cloud = folder.path().join("cloud.ply");

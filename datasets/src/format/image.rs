@@ -89,7 +89,14 @@ fn pixels(bytes: &[u8]) -> Result<u64, FormatError> {
 
 /// What decodes so many pixels.
 fn decoder(bytes: &[u8], pixels: u64) -> Result<impl ImageDecoder, FormatError> {
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), format_of(bytes)?);
+    let format = format_of(bytes)?;
+    // Crate image fills up what is missing; PNG's decoder says so itself.
+    if format == ImageFormat::Jpeg && !jpeg::has_end(bytes) {
+        let problem =
+            "expected a whole JPEG, found one that is cut short: its end marker is missing";
+        return Err(FormatError::new(format!("byte {}", bytes.len()), problem));
+    }
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();
     limits.max_alloc = Some(8 * pixels + (1 << 26));
     reader.limits(limits);

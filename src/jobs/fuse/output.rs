@@ -95,6 +95,10 @@ impl DepthFolder {
         if let (Some(there), false) = (there, force) {
             return Err(Error::exists(&there));
         }
+        if path.is_dir() {
+            // Where nothing can be written, that is said before the work.
+            ScratchFolder::beside(&path.join("maps"))?;
+        }
         Ok(Self {
             path: path.to_path_buf(),
             waiting: ScratchFolder::beside(path)?,

@@ -130,28 +130,84 @@ impl SweepJob {
             (fuse.vis, "--vis"),
             (fuse.filtered_depths.is_some(), "--filtered-depths"),
         ];
-        match odd.iter().find(|(given, _)| *given) {
-            Some((_, flag)) => {
-                let problem =
-                    format!("expected no {flag} with --sweep, which writes a table, no cloud");
-                Err(Error::invalid("sweep", problem))
-            }
-            None => Ok(()),
+        if let Some((_, flag)) = odd.iter().find(|(given, _)| *given) {
+            let problem =
+                format!("expected no {flag} with --sweep, which writes a table, no cloud");
+            return Err(Error::invalid("sweep", problem));
+        }
+        let standard = Self::default();
+        let varied = Varied::of(fuse);
+        let mode = fuse.fuse.mode;
+        check_axis(
+            "--sweep-min-confidence",
+            (&self.min_confidences, &standard.min_confidences),
+            varied.confidence,
+            "a threshold without --confidence, or beside --confidence-quantile",
+        )?;
+        let unasked = format!("what the mode {mode:?} does not ask for").to_lowercase();
+        check_axis(
+            "--sweep-min-sources",
+            (&self.min_sources, &standard.min_sources),
+            varied.sources,
+            &unasked,
+        )?;
+        check_axis(
+            "--sweep-pixel-error",
+            (&self.pixel_errors, &standard.pixel_errors),
+            varied.pixels,
+            &unasked,
+        )
+    }
+}
+
+/// Says which axis has a value twice, or values of its own though it is not varied: `what` that would be.
+fn check_axis<T: Copy + PartialEq + std::fmt::Display>(
+    flag: &str,
+    (values, standard): (&[T], &[T]),
+    varied: bool,
+    what: &str,
+) -> Result<()> {
+    if !varied && values != standard {
+        let problem = format!("expected no values for {what}, found some");
+        return Err(Error::invalid(flag, problem));
+    }
+    let mut nth = values.iter().enumerate();
+    match nth.find(|(nth, value)| values[..*nth].contains(value)) {
+        Some((_, twice)) => {
+            let problem = format!("expected different values, found {twice} twice");
+            Err(Error::invalid(flag, problem))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Which axes count.
+struct Varied {
+    confidence: bool,
+    sources: bool,
+    pixels: bool,
+}
+
+impl Varied {
+    /// What a mode does not ask for is not varied: confidence without maps of it or with a quantile in
+    /// its place, `dynamic`'s bounds and minimum, `gipuma`'s pixels.
+    fn of(job: &FuseJob) -> Self {
+        let mode = job.fuse.mode;
+        Self {
+            confidence: !job.confidence.is_empty() && job.fuse.confidence_quantile == 0.0,
+            sources: mode != FuseMode::Dynamic,
+            pixels: !matches!(mode, FuseMode::Dynamic | FuseMode::Gipuma),
         }
     }
 }
 
-/// The grid. What a mode does not ask for is not varied: confidence without maps of it or with a
-/// quantile in its place, `dynamic`'s bounds and minimum, `gipuma`'s pixels.
+/// The grid.
 fn combinations(job: &SweepJob) -> Vec<FuseOptions> {
     let own = &job.fuse.fuse;
-    let by_confidence = !job.fuse.confidence.is_empty() && own.confidence_quantile == 0.0;
-    let mode = own.mode;
-    let by_sources = mode != FuseMode::Dynamic;
-    let by_pixels = !matches!(mode, FuseMode::Dynamic | FuseMode::Gipuma);
-    let confidences = axis(by_confidence, &job.min_confidences, own.min_confidence);
-    let sources = axis(by_sources, &job.min_sources, own.min_sources);
-    let pixels = axis(by_pixels, &job.pixel_errors, own.max_pixel_error);
+    let varied = Varied::of(&job.fuse);
+    let confidences = axis(varied.confidence, &job.min_confidences, own.min_confidence);
+    let sources = axis(varied.sources, &job.min_sources, own.min_sources);
+    let pixels = axis(varied.pixels, &job.pixel_errors, own.max_pixel_error);
     let mut all = Vec::new();
     for &min_confidence in confidences.iter() {
         for &min_sources in sources.iter() {

@@ -112,6 +112,12 @@ fn check_options(job: &ScoreJob) -> Result<()> {
     if let Some(name) = &job.name {
         check_name(name)?;
     }
+    if job.methods.is_some() {
+        return Err(Error::invalid(
+            "--methods",
+            "belongs to --all, which is not given",
+        ));
+    }
     if job.protocol == Protocol::Tnt {
         return check_paths(job);
     }

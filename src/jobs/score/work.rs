@@ -15,7 +15,7 @@ use crate::score::points::{self, FinitePoints};
 use crate::score::sample::MeshAs;
 use crate::score::tnt::{self, Motion, Profile, Start};
 use crate::score::{Evaluation, bootstrap};
-use crate::warning::Warnings;
+use crate::warning::{Warning, Warnings};
 use glam::DMat4;
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::tnt::TntFolder;
@@ -98,6 +98,15 @@ impl<'a> Work<'a> {
         checks.extend(self.gates_of_place(&evaluation, &boxes)?);
         // The user says that the clouds share a frame: what looks wrong is advice here.
         self.warn_of(&checks);
+        for &tolerance in &self.plan.tolerances {
+            let boxes = (&boxes.moved, &boxes.truth);
+            if let Some(Warning { code, message }) =
+                gates::of_nothing_right(&evaluation, tolerance, boxes)
+            {
+                self.warnings.add(&code, message);
+                break;
+            }
+        }
         let source = match transform {
             Some(_) => AlignmentSource::Transform,
             None => AlignmentSource::None,

@@ -115,6 +115,11 @@ impl TradeoffJob {
 /// Measures and writes `tradeoff.csv`, `tradeoff.svg` and `tradeoff.md` (a sentence per knob). The
 /// results are measurements: only their errors are the same from run to run.
 pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
+    for (value, option) in [(job.views, "--views"), (job.repeats, "--repeats")] {
+        if value == 0 {
+            return Err(Error::invalid(option, "expected at least 1, found 0"));
+        }
+    }
     let out = OutDir::create(
         &job.out,
         Run::new("tradeoff", job, &job.inputs())?,

@@ -119,6 +119,19 @@ fn files_beside_the_result_are_kept_too() {
         std::fs::remove_file(&path).unwrap();
     }
     fuse(&job, false).unwrap();
+    // A list of who sees which point goes with one cloud only.
+    let list = folder.path().join("notes.ply.vis");
+    job.vis = true;
+    fuse(&job, true).unwrap();
+    assert!(list.is_file());
+    job.vis = false;
+    std::fs::remove_file(&job.out).unwrap();
+    for beside in ["notes.json", "notes.run.toml"] {
+        std::fs::remove_file(folder.path().join(beside)).unwrap();
+    }
+    refused(&job, &["notes.ply.vis", "--force"]);
+    fuse(&job, true).unwrap();
+    assert!(!list.exists());
     let replayed = mvs_eval::provenance::Run::read(&folder.path().join("notes.run.toml")).unwrap();
     assert!(
         replayed.changed_inputs().is_empty(),
@@ -202,6 +215,28 @@ fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
     assert!(error.contains("--vis"), "{error}");
     job.fuse.vis = false;
     job.fuse.fuse = FuseOptions::of(FuseMode::Dynamic);
+    type Change = (&'static str, &'static str, fn(&mut SweepJob));
+    let changes: [Change; 4] = [
+        ("--sweep-min-sources", "dynamic", |job| {
+            job.min_sources = vec![2, 4];
+        }),
+        ("--sweep-pixel-error", "dynamic", |job| {
+            job.pixel_errors = vec![0.7];
+        }),
+        ("--sweep-min-confidence", "without --confidence", |job| {
+            job.min_confidences = vec![0.5];
+        }),
+        ("--sweep-pixel-error", "0.5 twice", |job| {
+            job.fuse.fuse = FuseOptions::of(FuseMode::Geo);
+            job.pixel_errors = vec![0.5, 1.0, 0.5];
+        }),
+    ];
+    for (flag, part, change) in changes {
+        let mut job = job.clone();
+        change(&mut job);
+        let error = rows(&job).unwrap_err().to_string();
+        assert!(error.starts_with(flag) && error.contains(part), "{error}");
+    }
     assert_eq!(rows(&job).unwrap().len(), 1);
     job.fuse.fuse = FuseOptions::of(FuseMode::Geo);
     let in_memory = rows(&job).unwrap();

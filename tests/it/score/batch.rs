@@ -1,23 +1,38 @@
 //! Batches: every scene and method, going on after failures.
 
-use super::fixture::{Fixture, bumpy_reconstruction, given_poses, read, scan_from_own};
+use super::fixture::{
+    Fixture, bumpy_reconstruction, given_centres, given_poses, read, scan_from_own,
+};
 use crate::support::{mvs_eval, stderr, text};
 use assert_cmd::Command;
+use glam::DVec3;
 use mvs_eval::report::record;
 
 #[test]
 fn a_batch_goes_on_after_failures_and_says_why() {
     let fixture = Fixture::new(3000);
-    for method in ["a_good", "b_without_cameras", "c_broken", "d_by_transform"] {
+    let methods = [
+        "a_good",
+        "b_without_cameras",
+        "c_broken",
+        "d_by_transform",
+        "e_by_model",
+    ];
+    for method in methods {
         fixture.put_cloud(
             &format!("Synth/{method}/cloud.ply"),
             bumpy_reconstruction(3000),
         );
     }
+    let mut points = bumpy_reconstruction(3000);
+    points.push(DVec3::NAN);
+    fixture.put_cloud("Synth/d_by_transform/cloud.ply", points);
     fixture.put_log("Synth/a_good/cams.log", &given_poses());
     fixture.put_log("Synth/c_broken/cams.log", &given_poses());
     fixture.put_text("Synth/c_broken/cloud.ply", "not a ply");
     fixture.put_transform("Synth/d_by_transform/t.txt", scan_from_own());
+    let own_cameras = given_centres();
+    fixture.put_model("Synth/e_by_model", &own_cameras);
     fixture.put_text("Synth/images/readme", "no method");
     let output = Command::cargo_bin("mvs-eval")
         .unwrap()
@@ -41,17 +56,26 @@ fn a_batch_goes_on_after_failures_and_says_why() {
         .iter()
         .map(|row| (row.method.as_str(), row.status.as_str()))
         .collect();
-    assert_eq!(rows.len(), 4, "{status:?}");
+    assert_eq!(rows.len(), 5, "{status:?}");
     assert_eq!(
-        (status[0], status[3]),
-        (("a_good", "ok"), ("d_by_transform", "ok"))
+        [status[0], status[3], status[4]],
+        [
+            ("a_good", "ok"),
+            ("d_by_transform", "ok"),
+            ("e_by_model", "ok")
+        ]
     );
+    assert_eq!(rows[4].fscore, rows[0].fscore, "the same cameras");
     assert!(
-        status[1].1.contains("found no .log of its cameras"),
+        status[1]
+            .1
+            .contains("found no .log of its cameras, no COLMAP model"),
         "{status:?}"
     );
     assert!(status[2].1.starts_with("failed: "), "{status:?}");
     assert!(rows[0].fscore.unwrap() > 0.8 && rows[1].fscore.is_none());
+    let warned = "warning [non-finite-points]: Synth/d_by_transform: ";
+    assert!(said.contains(warned), "{said}");
     assert!(fixture.path("results/Synth/a_good/score.json").is_file());
 }
 
@@ -61,6 +85,8 @@ fn submissions_lie_by_method_and_scene() {
     fixture.put_cloud("methods/ours/Synth.ply", bumpy_reconstruction(3000));
     fixture.put_log("methods/ours/Synth.log", &given_poses());
     fixture.put_log("methods/theirs/Synth.log", &given_poses());
+    fixture.put_cloud("methods/their_model/Synth.ply", bumpy_reconstruction(3000));
+    fixture.put_model("methods/their_model/Synth", &given_centres());
     let output = Command::cargo_bin("mvs-eval")
         .unwrap()
         .current_dir(fixture.folder.path())
@@ -82,11 +108,18 @@ fn submissions_lie_by_method_and_scene() {
         (rows[0].method.as_str(), rows[0].status.as_str()),
         ("ours", "ok")
     );
-    assert_eq!(rows[1].method, "theirs");
+    assert_eq!(
+        (rows[1].method.as_str(), rows[1].status.as_str()),
+        ("their_model", "ok")
+    );
+    assert_eq!(rows[1].fscore, rows[0].fscore);
+    let model = read(&fixture.path("results"), "run.toml");
+    assert!(model.contains("methods/their_model/Synth/sparse/0/images.txt"));
+    assert_eq!(rows[2].method, "theirs");
     assert!(
-        rows[1].status.contains("found no Synth.ply"),
+        rows[2].status.contains("found no Synth.ply"),
         "{}",
-        rows[1].status
+        rows[2].status
     );
 }
 

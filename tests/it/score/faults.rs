@@ -1,7 +1,8 @@
 //! Spoiled inputs: each is named, the result is still written, the exit code is 1.
 
 use super::fixture::{
-    Fixture, bumps, given_poses, own_from_scan, read, scan_from_own, unregistered, video,
+    Fixture, bumps, given_centres, given_poses, own_from_scan, read, scan_from_own, unregistered,
+    video,
 };
 use super::{failed, run};
 use assert_cmd::Command;
@@ -197,30 +198,15 @@ fn a_video_log_is_thinned_by_the_mapping_file() {
     assert!(said.contains("1799 poses for the 1800 frames"), "{said}");
 }
 
-/// Images of a COLMAP model, by their numbers; without turns, as the fixture's cameras are.
-fn put_model(fixture: &Fixture, images: &[(u32, DVec3)]) {
-    let line = |&(number, centre): &(u32, DVec3)| {
-        let DVec3 { x, y, z } = -centre;
-        format!("{} 1 0 0 0 {x} {y} {z} 1 {number:06}.jpg\n\n", 900 - number)
-    };
-    let lines: Vec<String> = images.iter().map(line).collect();
-    fixture.put_text("model/sparse/0/images.txt", &lines.concat());
-    fixture.put_text(
-        "model/sparse/0/cameras.txt",
-        "1 PINHOLE 64 48 50 50 32 24\n",
-    );
-}
-
 #[test]
 fn images_of_a_model_are_matched_by_their_names() {
     let fixture = small();
     let by_log = run(&fixture.job("log", TAU)).unwrap();
-    let poses = given_poses();
-    let centre = |index: usize| poses[index].world_from_cam.w_axis.truncate();
     // In an order of its own, with two images missing: a log of these would be shifted.
-    let mut images: Vec<(u32, DVec3)> = (0..40).rev().map(|i| (i as u32 + 1, centre(i))).collect();
+    let mut images = given_centres();
+    images.reverse();
     images.retain(|(number, _)| ![1, 21].contains(number));
-    put_model(&fixture, &images);
+    fixture.put_model("model", &images);
     let job = |out: &str| ScoreJob {
         trajectory: Some(fixture.path("model")),
         ..fixture.job(out, TAU)
@@ -243,15 +229,18 @@ fn images_of_a_model_are_matched_by_their_names() {
     assert!(row.contains(&mvs_eval::provenance::sha256(&images_file).unwrap()));
 
     // Numbers from 0 on.
-    let from_zero: Vec<(u32, DVec3)> = (0..40).map(|i| (i as u32, centre(i))).collect();
-    put_model(&fixture, &from_zero);
+    let from_zero = given_centres()
+        .into_iter()
+        .map(|(number, centre)| (number - 1, centre));
+    let from_zero: Vec<(u32, DVec3)> = from_zero.collect();
+    fixture.put_model("model", &from_zero);
     let document = run(&job("zero")).unwrap();
     assert_eq!(
         (failed(&document).len(), document.f_score),
         (0, by_log.f_score)
     );
 
-    put_model(&fixture, &[(41, DVec3::ZERO)]);
+    fixture.put_model("model", &[(41, DVec3::ZERO)]);
     let said = run(&job("beyond")).unwrap_err().to_string();
     assert!(
         said.contains("images.txt") && said.contains("scene's 40 cameras, found 41"),

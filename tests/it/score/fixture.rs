@@ -120,6 +120,13 @@ pub(super) fn given_poses() -> Vec<LogPose> {
     (0..CAMERAS).map(given).collect()
 }
 
+/// Their centres by the numbers of their images, from 1 on.
+pub(super) fn given_centres() -> Vec<(u32, DVec3)> {
+    let centres = given_poses().into_iter().zip(1..);
+    let centres = centres.map(|(pose, number)| (number, pose.world_from_cam.w_axis.truncate()));
+    centres.collect()
+}
+
 /// The scene's cameras in the frame of the reference.
 pub(super) fn reference_poses() -> Vec<LogPose> {
     let reference = |index: usize| {
@@ -216,6 +223,18 @@ impl Fixture {
 
     pub(super) fn put_log(&self, name: &str, poses: &[LogPose]) {
         write_atomically(&self.path(name), |out| log::write(out, poses)).unwrap();
+    }
+
+    /// A COLMAP model under `folder`: images by their numbers; without turns, as the fixture's cameras are.
+    pub(super) fn put_model(&self, folder: &str, images: &[(u32, DVec3)]) {
+        let line = |&(number, centre): &(u32, DVec3)| {
+            let DVec3 { x, y, z } = -centre;
+            format!("{} 1 0 0 0 {x} {y} {z} 1 {number:06}.jpg\n\n", 900 - number)
+        };
+        let lines: Vec<String> = images.iter().map(line).collect();
+        self.put_text(&format!("{folder}/sparse/0/images.txt"), &lines.concat());
+        let camera = "1 PINHOLE 64 48 50 50 32 24\n";
+        self.put_text(&format!("{folder}/sparse/0/cameras.txt"), camera);
     }
 
     pub(super) fn put_transform(&self, name: &str, matrix: DMat4) {

@@ -131,7 +131,8 @@ fn what_does_not_go_together_gets_a_sentence() {
     };
     assert!(said(scene).starts_with("--scene: "));
     type Change = (&'static str, fn(&mut ScoreJob));
-    let changed: [Change; 7] = [
+    let changed: [Change; 8] = [
+        ("--methods", |job| job.methods = Some("methods".into())),
         ("--refine", |job| job.refine = true),
         ("--profile", |job| job.profile = Profile::Official),
         ("--seeds", |job| job.seeds = 3),
@@ -206,6 +207,16 @@ fn a_reconstruction_without_points_scores_zero_and_a_truth_without_points_is_an_
             .map(|warning| warning.code.as_str());
         assert!(codes.clone().any(|code| code == "empty-reconstruction"));
         assert!(document.counts.truth.evaluated > 0);
+        let said: Vec<&str> = document
+            .warnings
+            .iter()
+            .map(|w| w.message.as_str())
+            .collect();
+        assert!(
+            said.iter().any(|said| said.contains("has no points")),
+            "{said:?}"
+        );
+        assert!(!said.iter().any(|said| said.contains("units")), "{said:?}");
     }
     let tnt = Fixture::new(1000);
     tnt.put_cloud("rec.ply", Vec::new());
@@ -299,4 +310,26 @@ fn meshes_of_every_format_are_read_on_both_sides_and_recorded() {
             .find(|w| w.code == "mesh-too-coarse");
         assert!(coarse.is_some(), "{:?}", vertices.warnings);
     }
+}
+
+#[test]
+fn a_cloud_in_other_units_is_warned_of() {
+    let (fixture, job) = fixture();
+    let in_millimetres = truth(5000).into_iter().map(|point| point * 1000.0);
+    fixture.put_cloud("millimetres.ply", in_millimetres.collect());
+    let document = run(&ScoreJob {
+        reconstruction: fixture.path("millimetres.ply"),
+        ..job.clone()
+    })
+    .unwrap();
+    assert_eq!(document.f_score, 0.0);
+    let warned = document.warnings.iter().find(|w| w.code == "nothing-right");
+    let said = &warned.unwrap().message;
+    assert!(said.contains("units look like millimetres"), "{said}");
+    let right = run(&ScoreJob {
+        out: fixture.path("right"),
+        ..job
+    })
+    .unwrap();
+    assert!(right.warnings.iter().all(|w| w.code != "nothing-right"));
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::format::image::{read_color, read_gray};
 use crate::format::jpeg::JpegOptions;
 use crate::format::jpeg::tests::{all_options, oracle, picture, random};
 use ::image::ImageFormat;
@@ -83,6 +84,41 @@ fn notes_are_skipped_and_what_is_not_plain_is_left_alone() {
     let mut png = Vec::new();
     crate::format::image::write_png(&mut png, &picture((40, 40), 0)).unwrap();
     assert!(found(&png).is_none() && found(&[]).is_none());
+}
+
+#[test]
+fn what_is_cut_short_is_refused_whatever_its_kind() {
+    let kinds: [fn(&mut Encoder<&mut Vec<u8>>); 4] = [
+        |_| {},
+        |encoder| encoder.set_progressive(true),
+        |encoder| encoder.set_restart_interval(5),
+        // A thumbnail has an end of its own.
+        |encoder| {
+            let thumbnail = vec![0xff, 0xd8, 1, 0xff, 0xd9];
+            encoder.add_app_segment(1, thumbnail).unwrap();
+        },
+    ];
+    for (nth, change) in kinds.into_iter().enumerate() {
+        let mut bytes = encoded((211, 103), change);
+        assert!(
+            read_color(&bytes).is_ok() && read_gray(&bytes).is_ok(),
+            "{nth}"
+        );
+        for part in [10, 30, 50, 70, 90, 99] {
+            let error = read_gray(&bytes[..bytes.len() * part / 100]).unwrap_err();
+            let said = error.to_string();
+            assert!(
+                said.contains("cut short") || part == 10,
+                "{nth} {part}: {said}"
+            );
+            assert!(
+                read_color(&bytes[..bytes.len() * part / 100]).is_err(),
+                "{nth} {part}"
+            );
+        }
+        bytes.extend(b"what a camera adds");
+        assert!(read_color(&bytes).is_ok(), "{nth}");
+    }
 }
 
 #[test]
