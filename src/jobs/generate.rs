@@ -6,7 +6,7 @@ use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::generate::{
-    self, GenerateOptions, Part, PhotoFolder, Source, Target, scene_id, sparse_sources,
+    self, Extra, GenerateOptions, Part, PhotoFolder, Source, Target, scene_id, sparse_sources,
 };
 use crate::provenance::Run;
 use mvs_datasets::layout::blended::record::SceneFile;
@@ -18,6 +18,7 @@ use mvs_datasets::layout::sparse;
 use mvs_datasets::scene::{Scene, SourceScore, View};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval generate`.
@@ -101,7 +102,8 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let create = |(root, _): &(PathBuf, _)| {
         OutDir::create_again(&root.join(&id), run.clone(), context.force)
     };
-    let outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
+    let mut outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
+    outs.iter_mut().for_each(OutDir::begin);
     let source = Source {
         name: &name,
         id: &id,
@@ -128,6 +130,9 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         let folder = root.join(&id);
         if made.scene.is_some() {
             blended::write_lists(root, &id, job.validation)?;
+            for file in exported(&job.options.extras) {
+                let _ = out.file(file);
+            }
             out.finish()?;
         }
         sets.push(GeneratedSet {
@@ -137,6 +142,22 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         });
     }
     Ok(GenerateOutcome { sets })
+}
+
+/// The files of the whole scene that only some runs write. Those of views are looked after where views are
+/// made.
+fn exported(extras: &BTreeSet<Extra>) -> impl Iterator<Item = &'static str> {
+    let files = extras.iter().map(|extra| match extra {
+        Extra::Covisibility => &["covisibility.npy"][..],
+        Extra::Transforms => &["transforms.json"],
+        Extra::Colmap => &[
+            "sparse/0/cameras.txt",
+            "sparse/0/images.txt",
+            "sparse/0/points3D.txt",
+        ],
+        _ => &[],
+    });
+    files.flatten().copied()
 }
 
 fn check_paths(job: &GenerateJob) -> Result<()> {

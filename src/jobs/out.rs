@@ -25,6 +25,8 @@ pub struct OutDir {
     before: Option<Run>,
     /// The files that were asked for.
     asked: Mutex<BTreeSet<PathBuf>>,
+    /// Whether files may have been written that were not asked for.
+    begun: bool,
 }
 
 impl OutDir {
@@ -53,6 +55,7 @@ impl OutDir {
             run,
             before: None,
             asked: Mutex::default(),
+            begun: false,
         }
     }
 
@@ -88,6 +91,11 @@ impl OutDir {
     /// The folder itself.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Says that others write files in it from now on: the result before it is no longer whole.
+    pub fn begin(&mut self) {
+        self.begun = true;
     }
 
     /// The path of a file in it that is to be written; `name` may have folders.
@@ -132,7 +140,7 @@ impl Drop for OutDir {
     /// A run that failed before its first file leaves the result before it as it was.
     fn drop(&mut self) {
         let asked = self.asked.get_mut().unwrap_or_else(PoisonError::into_inner);
-        if let (Some(before), true) = (&self.before, asked.is_empty())
+        if let (Some(before), true) = (&self.before, asked.is_empty() && !self.begun)
             && before.write(&self.path.join(FINISHED)).is_ok()
         {
             // Nothing can be said of a failure here; both marks together are known as unfinished.

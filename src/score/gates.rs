@@ -254,7 +254,8 @@ pub fn of_nothing_right(
         || "do they share a frame?".to_owned(),
         |unit| format!("units look like {unit}"),
     );
-    let message = format!("F is 0 at τ: {}; {why}", spans(reconstruction, truth));
+    let (tau, spans) = (tolerance.get(), spans(reconstruction, truth));
+    let message = format!("F is 0 at τ = {tau}: {spans}; {why}");
     Some(Warning::new("nothing-right", message))
 }
 

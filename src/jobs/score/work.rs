@@ -98,14 +98,14 @@ impl<'a> Work<'a> {
         checks.extend(self.gates_of_place(&evaluation, &boxes)?);
         // The user says that the clouds share a frame: what looks wrong is advice here.
         self.warn_of(&checks);
-        for &tolerance in &self.plan.tolerances {
+        let widest = self.plan.tolerances.iter().copied();
+        let widest = widest.max_by(|a, b| a.get().total_cmp(&b.get()));
+        let nothing = widest.and_then(|tolerance| {
             let boxes = (&boxes.moved, &boxes.truth);
-            if let Some(Warning { code, message }) =
-                gates::of_nothing_right(&evaluation, tolerance, boxes)
-            {
-                self.warnings.add(&code, message);
-                break;
-            }
+            gates::of_nothing_right(&evaluation, tolerance, boxes)
+        });
+        if let Some(Warning { code, message }) = nothing {
+            self.warnings.add(&code, message);
         }
         let source = match transform {
             Some(_) => AlignmentSource::Transform,
