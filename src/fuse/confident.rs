@@ -34,7 +34,7 @@ impl<'a> Rows<'a> {
     /// The stored values from a neighbour on, number 0 to 8 by row, of the pixel at `place` in the bordered
     /// map.
     #[inline(always)]
-    pub(super) fn from_neighbour(&self, place: usize, number: usize) -> &'a [f32] {
+    pub(super) fn of_neighbour(&self, place: usize, number: usize) -> &'a [f32] {
         let stride = self.samples.stride();
         let first = place - stride - 1 - self.before;
         &self.values[first + number / 3 * stride + number % 3..]
@@ -163,7 +163,7 @@ mod tests {
                     for (number, value) in
                         whole.around(column, row).as_flattened().iter().enumerate()
                     {
-                        assert_eq!(band.from_neighbour(place, number)[0], *value);
+                        assert_eq!(band.of_neighbour(place, number)[0], *value);
                     }
                 }
             }

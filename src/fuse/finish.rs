@@ -110,7 +110,7 @@ impl Room {
         for run in runs {
             let place = block.place[run.start] as usize;
             for (at, windows) in self.windows.iter_mut().enumerate() {
-                let from = map.from_neighbour(place, at);
+                let from = map.of_neighbour(place, at);
                 let to = &mut windows[run.start..];
                 match (from.first_chunk::<STEP>(), to.first_chunk_mut::<STEP>()) {
                     (Some(from), Some(to)) if run.len() <= STEP => *to = *from,
