@@ -80,11 +80,11 @@ impl<'c> Cluster<'c> {
         let count = self.groups();
         let (corners, numbers) = self.rest.split_at(3 * CORNER_WORDS * count);
         let mut places = [[0; LANES]; 3];
-        for corner in 0..3 {
+        for (corner, places) in places.iter_mut().enumerate() {
             let from = CORNER_WORDS * (corner * count + group);
             let [low, high] = [corners[from], corners[from + 1]];
             let word = u64::from(low.to_bits()) | u64::from(high.to_bits()) << 32;
-            places[corner] = word.to_le_bytes();
+            *places = word.to_le_bytes();
         }
         let mut eight = Eight {
             places,
