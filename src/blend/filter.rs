@@ -172,24 +172,42 @@ impl Blender {
 
 /// How much of a row is inside the mask.
 fn extent(row: &[bool]) -> Extent {
-    match (row.contains(&true), row.contains(&false)) {
-        (false, _) => Extent::Nothing,
-        (true, true) => Extent::Some,
-        (true, false) => Extent::All,
+    // All are counted, side by side: no first one is looked for.
+    let inside = row.iter().map(|&inside| usize::from(inside)).sum::<usize>();
+    match inside {
+        0 => Extent::Nothing,
+        _ if inside == row.len() => Extent::All,
+        _ => Extent::Some,
     }
 }
+
+/// Pixels of a mask that are compared at once.
+const AT_ONCE: usize = 64;
 
 /// Runs of pixels inside and outside the mask: which, and where they begin and end.
 fn runs(mask: &[bool]) -> impl Iterator<Item = (bool, Range<usize>)> {
     let mut from = 0;
     std::iter::from_fn(move || {
         let &inside = mask.get(from)?;
-        let others = mask[from..].iter().position(|&next| next != inside);
-        let to = others.map_or(mask.len(), |count| from + count);
+        let mut to = from;
+        while let Some(all) = mask[to..].first_chunk::<AT_ONCE>()
+            && *all == [inside; AT_ONCE]
+        {
+            to += AT_ONCE;
+        }
+        let others = mask[to..].iter().position(|&next| next != inside);
+        to = others.map_or(mask.len(), |count| to + count);
         let run = (inside, from..to);
         from = to;
         Some(run)
     })
+}
+
+/// Whether all weights are one, which is large enough.
+fn is_same_and_large(weights: &[f32]) -> bool {
+    weights
+        .first()
+        .is_some_and(|&first| first >= SMALLEST_WEIGHT && levels::all_are(weights, first))
 }
 
 /// One blend of images.
@@ -265,6 +283,10 @@ impl<T: Send, F: Fn(&[f32], &mut [[T; 3]]) + Sync> Work for Blending<'_, T, F> {
                 continue;
             }
             if self.mode == BlendMode::Normalized {
+                if self.light == Light::Encoded && is_same_and_large(weights) {
+                    levels::scale_and_add((low, weights[0]), rendered);
+                    continue;
+                }
                 levels::normalize(low, weights);
                 self.mend(low, weights, (photograph, rendered));
             }
@@ -290,7 +312,7 @@ impl<T: Send, F: Fn(&[f32], &mut [[T; 3]]) + Sync> Work for Blending<'_, T, F> {
 impl<T, F> Blending<'_, T, F> {
     /// Takes the difference unfiltered where the weights are too small.
     fn mend(&self, low: &mut [f32], weights: &[f32], (photograph, rendered): (&[u8], &[u8])) {
-        if weights.iter().all(|&weight| weight >= SMALLEST_WEIGHT) {
+        if !levels::any_below(weights, SMALLEST_WEIGHT) {
             return;
         }
         for (at, value) in low.iter_mut().enumerate() {

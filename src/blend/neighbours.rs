@@ -38,12 +38,12 @@ const NEGLIGIBLE: f64 = 1e-6;
 /// Filters that reach further are quicker through their spectrum.
 const FARTHEST: usize = 128;
 /// Values that are summed side by side; what the compiler turns into vector instructions.
-const BLOCK: usize = 32;
+const BLOCK: usize = 64;
 /// Rows of the result that share their source rows.
 const STRIP: usize = 64;
 /// Values of a row that are filtered along columns before the next ones: what all of a strip's
 /// source rows hold of them stays in the second-level cache.
-const TILE: usize = 8 * BLOCK;
+const TILE: usize = 4 * BLOCK;
 
 /// The filter along one axis: the weight of the pixel itself, of both its neighbours, and so on.
 #[derive(Debug, Clone, PartialEq)]
@@ -105,21 +105,38 @@ struct Rows {
     /// Values from one row to the next: whole tiles, and a little so that rows fall on different
     /// places in the cache.
     stride: usize,
+    /// Values before the first row, which begins with a line of the cache, so that no block of it lies in
+    /// more lines than it must.
+    before: usize,
     values: Vec<f32>,
 }
+
+/// Bytes of a line of the cache.
+const LINE: usize = 64;
 
 impl Rows {
     fn new(count: usize, length: usize) -> Self {
         let stride = length.next_multiple_of(TILE) + BLOCK;
+        let values = vec![0.0; stride * count + LINE / size_of::<f32>()];
         Self {
             length,
             stride,
-            values: vec![0.0; stride * count],
+            before: values.as_ptr().align_offset(LINE) % (LINE / size_of::<f32>()),
+            values,
         }
     }
 
     fn row(&mut self, index: usize) -> &mut [f32] {
-        &mut self.values[index * self.stride..][..self.length]
+        &mut self.values[self.before + index * self.stride..][..self.length]
+    }
+
+    /// The values from the first row on.
+    fn all(&self) -> &[f32] {
+        &self.values[self.before..]
+    }
+
+    fn all_mut(&mut self) -> &mut [f32] {
+        &mut self.values[self.before..]
     }
 }
 
@@ -259,10 +276,11 @@ impl WithSimd for AlongColumns<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let stride = self.source.stride;
+        let source = self.source.all();
         for tile in (0..stride - BLOCK).step_by(TILE) {
-            let rows = self.out.values.chunks_exact_mut(stride).take(self.rows);
+            let rows = self.out.all_mut().chunks_exact_mut(stride).take(self.rows);
             for (index, row) in rows.enumerate() {
-                let above = &self.source.values[index * stride + tile..];
+                let above = &source[index * stride + tile..];
                 weigh(&mut row[tile..tile + TILE], above, stride, self.weights);
             }
         }

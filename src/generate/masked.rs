@@ -11,28 +11,42 @@ use mvs_datasets::scene::{ColorImage, Mask};
 /// The brightest that the background may come back as: readers' 10, less what decoders differ by.
 const DARK: u8 = 8;
 
-/// The bytes of a JPEG of what the mask leaves of `blended`, encoded by `options` if its background
-/// comes back dark, else with full chroma and the least quality above that does; and the options that
-/// were used. Both of one size. Not to be asked where the mask leaves nothing out: the image itself is
-/// the masked one.
-pub(crate) fn encode(
-    blended: &ColorImage,
-    mask: &Mask,
-    options: JpegOptions,
-) -> Result<(Vec<u8>, JpegOptions)> {
+/// An image and what a mask leaves of it, as JPEGs.
+pub(crate) struct Pair {
+    /// By the options that were given.
+    pub(crate) whole: Vec<u8>,
+    /// `None` where the mask leaves nothing out: the image itself is the masked one.
+    pub(crate) masked: Option<Vec<u8>>,
+    /// What the masked one was encoded by.
+    pub(crate) used: JpegOptions,
+}
+
+/// Encodes `blended`, and what the mask, of one size, leaves of it: by the same options if its background
+/// comes back dark, else with full chroma and the least quality above that does.
+pub(crate) fn encode(blended: &ColorImage, mask: &Mask, options: JpegOptions) -> Result<Pair> {
+    if !mask.values().contains(&false) {
+        return Ok(Pair {
+            whole: jpeg(blended, options)?,
+            masked: None,
+            used: options,
+        });
+    }
     let full_chroma = |quality: u8| JpegOptions {
         quality: quality.max(options.quality),
         subsample_chroma: false,
     };
+    let mut used = full_chroma(100);
     for attempt in [options, full_chroma(options.quality), full_chroma(98)] {
         if jpeg::stays_dark(blended, mask, attempt, DARK).map_err(refused)? {
-            let bytes = jpeg::encode(blended, Some(mask), attempt).map_err(refused)?;
-            return Ok((bytes, attempt));
+            used = attempt;
+            break;
         }
     }
-    let best = full_chroma(100);
-    let bytes = jpeg::encode(blended, Some(mask), best).map_err(refused)?;
-    Ok((bytes, best))
+    Ok(Pair {
+        whole: jpeg(blended, options)?,
+        masked: Some(jpeg::encode(blended, Some(mask), used).map_err(refused)?),
+        used,
+    })
 }
 
 /// The bytes of a JPEG of `image`.
@@ -74,15 +88,16 @@ mod tests {
             brightest_outside(&plain, &mask) > 10,
             "the plain JPEG would do"
         );
-        let (bytes, used) = encode(&red, &mask, JpegOptions::default()).unwrap();
-        assert!(!used.subsample_chroma && used.quality >= 95);
+        let pair = encode(&red, &mask, JpegOptions::default()).unwrap();
+        assert!(!pair.used.subsample_chroma && pair.used.quality >= 95);
+        let bytes = pair.masked.unwrap();
         assert!(brightest_outside(&read(&bytes), &mask) <= DARK);
+        assert_eq!(pair.whole, jpeg(&red, JpegOptions::default()).unwrap());
         let black = image([0; 3]).unwrap();
         let plain = jpeg(&black, JpegOptions::default()).unwrap();
-        assert_eq!(
-            encode(&black, &mask, JpegOptions::default()).unwrap(),
-            (plain, JpegOptions::default())
-        );
+        let pair = encode(&black, &mask, JpegOptions::default()).unwrap();
+        assert_eq!((&pair.whole, pair.masked.as_ref()), (&plain, Some(&plain)));
+        assert_eq!(pair.used, JpegOptions::default());
     }
 
     /// The least good encoding that does, whole images tried one after the other.
@@ -111,8 +126,10 @@ mod tests {
                 (0..width * height).map(|i| [level(i, 0), level(i, 1) / 2, level(i, 5) / 9]);
             let image = ColorImage::from_values(width, height, colors.collect()).unwrap();
             let masked = blend::masked(&image, &mask).unwrap();
-            let (found, _) = encode(&image, &mask, JpegOptions::default()).unwrap();
+            let pair = encode(&image, &mask, JpegOptions::default()).unwrap();
+            let found = pair.masked.unwrap();
             assert!(found == obvious(&masked, &mask), "{seed}");
+            assert!(pair.whole == jpeg(&image, JpegOptions::default()).unwrap());
             seen.push(found == jpeg(&masked, JpegOptions::default()).unwrap());
         }
         assert!(seen.contains(&true) && seen.contains(&false), "{seen:?}");

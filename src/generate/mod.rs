@@ -1,7 +1,9 @@
 //! Mesh + cameras + photographs → a BlendedMVS scene.
 
 pub mod augment;
+mod choice;
 mod fit;
+mod leftovers;
 pub(crate) mod masked;
 mod order;
 mod pairs;

@@ -3,7 +3,7 @@
 //! Depths are looked at as bits, which are in the order of the numbers: none is below 0.
 
 use mvs_datasets::scene::DepthMap;
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// What a map has of depths.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,50 +23,64 @@ const FEW: usize = 1 << 14;
 
 /// The extent of a map's depths; `None` where it has none.
 pub(super) fn extent(depth: &DepthMap) -> Option<Extent> {
-    let (mut counts, mut largest) = ([0u32; BLOCK], [0u32; BLOCK]);
-    // One less, so that none is the largest of all.
-    let mut smallest = [u32::MAX; BLOCK];
-    let (blocks, rest) = depth.values().as_chunks::<BLOCK>();
-    let mut last = [0.0; BLOCK];
-    last[..rest.len()].copy_from_slice(rest);
-    Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            for block in blocks.iter().chain([&last]) {
-                for (at, bits) in block.map(f32::to_bits).into_iter().enumerate() {
-                    counts[at] += u32::from(bits != 0);
-                    largest[at] = largest[at].max(bits);
-                    smallest[at] = smallest[at].min(bits.wrapping_sub(1));
-                }
+    Arch::new().dispatch(ExtentOf(depth.values()))
+}
+
+struct ExtentOf<'a>(&'a [f32]);
+
+impl WithSimd for ExtentOf<'_> {
+    type Output = Option<Extent>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let (mut counts, mut largest) = ([0u32; BLOCK], [0u32; BLOCK]);
+        // One less, so that none is the largest of all.
+        let mut smallest = [u32::MAX; BLOCK];
+        let (blocks, rest) = self.0.as_chunks::<BLOCK>();
+        let mut last = [0.0; BLOCK];
+        last[..rest.len()].copy_from_slice(rest);
+        for block in blocks.iter().chain([&last]) {
+            for at in 0..BLOCK {
+                let bits = block[at].to_bits();
+                counts[at] += u32::from(bits != 0);
+                largest[at] = largest[at].max(bits);
+                smallest[at] = smallest[at].min(bits.wrapping_sub(1));
             }
-        },
-    );
-    let count = counts.iter().map(|&count| count as usize).sum();
-    let smallest = smallest.into_iter().min()?.wrapping_add(1);
-    (count > 0).then_some(Extent {
-        count,
-        smallest: f32::from_bits(smallest),
-        largest: f32::from_bits(largest.into_iter().max()?),
-    })
+        }
+        let count = counts.iter().map(|&count| count as usize).sum();
+        let smallest = smallest.into_iter().min()?.wrapping_add(1);
+        (count > 0).then_some(Extent {
+            count,
+            smallest: f32::from_bits(smallest),
+            largest: f32::from_bits(largest.into_iter().max()?),
+        })
+    }
 }
 
 /// How many depths are above `low` and at most `high`.
 pub(super) fn count_within(depth: &DepthMap, (low, high): (f64, f64)) -> usize {
     let (low, high) = (rounded_down(low), rounded_down(high));
-    let (blocks, rest) = depth.values().as_chunks::<BLOCK>();
-    let mut counts = [0u32; BLOCK];
-    Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            for block in blocks {
-                for (count, &value) in counts.iter_mut().zip(block) {
-                    *count += u32::from(value > low && value <= high);
-                }
+    Arch::new().dispatch(CountWithin(depth.values(), (low, high)))
+}
+
+struct CountWithin<'a>(&'a [f32], (f32, f32));
+
+impl WithSimd for CountWithin<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> usize {
+        let Self(values, (low, high)) = self;
+        let (blocks, rest) = values.as_chunks::<BLOCK>();
+        let mut counts = [0u32; BLOCK];
+        for block in blocks {
+            for at in 0..BLOCK {
+                counts[at] += u32::from(block[at] > low && block[at] <= high);
             }
-        },
-    );
-    let last = rest.iter().filter(|&&value| value > low && value <= high);
-    last.count() + counts.iter().map(|&count| count as usize).sum::<usize>()
+        }
+        let last = rest.iter().filter(|&&value| value > low && value <= high);
+        last.count() + counts.iter().map(|&count| count as usize).sum::<usize>()
+    }
 }
 
 /// The largest f32 that is not above a value: f32 are above that or not as they are above the value.
@@ -85,7 +99,8 @@ pub(super) fn at_ranks(depth: &DepthMap, count: usize, ranks: [usize; 2]) -> [f3
     // What is no depth comes first.
     let none = depth.values().len() - count;
     let tried = Tried::new(depth.values());
-    ranks.map(|rank| f32::from_bits(tried.at(none + rank.min(count - 1))))
+    let ranks = ranks.map(|rank| none + rank.min(count - 1));
+    tried.at(ranks).map(f32::from_bits)
 }
 
 /// Values, and some of them in order.
@@ -102,17 +117,20 @@ impl<'a> Tried<'a> {
         Self { values, some }
     }
 
-    /// The bits of the value at a rank among all.
-    fn at(&self, rank: usize) -> u32 {
+    /// The bits of the values at two ranks among all.
+    fn at(&self, ranks: [usize; 2]) -> [u32; 2] {
         if self.some.len() == self.values.len() {
-            return self.some[rank];
+            return ranks.map(|rank| self.some[rank]);
         }
-        let (low, high) = self.around(rank);
-        let (below, mut within) = collect(self.values, (low, high));
-        match rank.checked_sub(below) {
-            Some(rank) if rank < within.len() => *within.select_nth_unstable(rank).1,
-            _ => self.select(rank),
-        }
+        let bounds = ranks.map(|rank| self.around(rank));
+        let mut found = collect(self.values, bounds);
+        [0, 1].map(|which| {
+            let (below, within) = &mut found[which];
+            match ranks[which].checked_sub(*below) {
+                Some(rank) if rank < within.len() => *within.select_nth_unstable(rank).1,
+                _ => self.select(ranks[which]),
+            }
+        })
     }
 
     /// Bits between which the value at a rank very probably lies. The ranks of values that are taken at
@@ -145,32 +163,53 @@ impl<'a> Tried<'a> {
     }
 }
 
-/// How many values lie below `low`, and which between that and `high`, both included.
-fn collect(values: &[f32], (low, high): (u32, u32)) -> (usize, Vec<u32>) {
-    let mut within = Vec::with_capacity(values.len() / 64);
-    let (blocks, rest) = values.as_chunks::<BLOCK>();
-    let mut counts = [0u32; BLOCK];
-    Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            for block in blocks {
-                let bits = block.map(f32::to_bits);
-                let mut any = false;
-                for (count, bits) in counts.iter_mut().zip(bits) {
-                    *count += u32::from(bits < low);
-                    any |= (low..=high).contains(&bits);
+/// Of each of two pairs of bounds: how many values lie below the first, and which between both, they
+/// themselves included.
+fn collect(values: &[f32], bounds: [(u32, u32); 2]) -> [(usize, Vec<u32>); 2] {
+    Arch::new().dispatch(Collect(values, bounds))
+}
+
+struct Collect<'a>(&'a [f32], [(u32, u32); 2]);
+
+impl WithSimd for Collect<'_> {
+    type Output = [(usize, Vec<u32>); 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self(values, bounds) = self;
+        let mut within = [(); 2].map(|()| Vec::with_capacity(values.len() / 64));
+        let (blocks, rest) = values.as_chunks::<BLOCK>();
+        let mut counts = [[0u32; BLOCK]; 2];
+        for block in blocks {
+            for (which, (low, high)) in bounds.into_iter().enumerate() {
+                let mut any = 0;
+                for at in 0..BLOCK {
+                    let bits = block[at].to_bits();
+                    counts[which][at] += u32::from(bits < low);
+                    // Differences from the lower one wrap around for what lies below.
+                    any |= u32::from(bits.wrapping_sub(low) <= high.wrapping_sub(low));
                 }
-                if any {
-                    within.extend(bits.into_iter().filter(|bits| (low..=high).contains(bits)));
+                if any != 0 {
+                    add_within(block, (low, high), &mut within[which]);
                 }
             }
-        },
-    );
-    let last = rest.iter().map(|value| value.to_bits());
-    within.extend(last.clone().filter(|bits| (low..=high).contains(bits)));
-    let below = last.filter(|&bits| bits < low).count();
-    let counted = counts.iter().map(|&count| count as usize);
-    (below + counted.sum::<usize>(), within)
+        }
+        let [first, second] = within;
+        let mut found = [(0, first), (0, second)];
+        for (((below, within), counts), bounds) in found.iter_mut().zip(counts).zip(bounds) {
+            *below = counts.iter().map(|&count| count as usize).sum();
+            *below += (rest.iter().filter(|value| value.to_bits() < bounds.0)).count();
+            add_within(rest, bounds, within);
+        }
+        found
+    }
+}
+
+/// Adds the values that lie between the bounds.
+#[inline(never)]
+fn add_within(values: &[f32], (low, high): (u32, u32), within: &mut Vec<u32>) {
+    let bits = values.iter().map(|value| value.to_bits());
+    within.extend(bits.filter(|bits| (low..=high).contains(bits)));
 }
 
 #[cfg(test)]
@@ -235,7 +274,8 @@ mod tests {
         let values = depths(4, 70_001);
         let tried = Tried::new(&values);
         let (low, high) = tried.around(35_000);
-        let (below, within) = collect(&values, (low, high));
+        let [(below, within), other] = collect(&values, [(low, high), (0, u32::MAX)]);
+        assert_eq!(other.1.len(), values.len());
         assert!(35_000 < below || below + within.len() <= 35_000);
     }
 

@@ -165,15 +165,9 @@ fn blend_one(input: &Input, job: &BlendJob, out: &OutDir) -> Result<BlendedImage
         })
     };
     let jpeg = JpegOptions::default();
-    let image = generate::masked::jpeg(&blended, jpeg)?;
-    write("", &image)?;
-    match mask.values().contains(&false) {
-        true => {
-            let (dark, _) = generate::masked::encode(&blended, &mask, jpeg)?;
-            write("_masked", &dark)?;
-        }
-        false => write("_masked", &image)?,
-    }
+    let pair = generate::masked::encode(&blended, &mask, jpeg)?;
+    write("", &pair.whole)?;
+    write("_masked", pair.masked.as_ref().unwrap_or(&pair.whole))?;
     Ok(BlendedImage {
         name: input.name.clone(),
         size,

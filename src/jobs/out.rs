@@ -12,7 +12,7 @@ use std::sync::{Mutex, PoisonError};
 /// The mark of a finished result folder.
 const FINISHED: &str = "run.toml";
 /// The mark of a result folder that is being made, or whose making was interrupted.
-const UNFINISHED: &str = "run.partial.toml";
+const UNFINISHED: &str = mvs_datasets::layout::blended::UNFINISHED;
 
 /// A folder for a result. Files in it are written to a temporary name and renamed; its `run.toml`
 /// appears last, so a folder without it is not finished. Of a result that is replaced, the files that the

@@ -27,6 +27,8 @@ mod near;
 pub mod oracle;
 mod packet;
 mod pages;
+mod paint;
+mod palette;
 mod picture;
 mod planes;
 mod raster;

@@ -5,7 +5,8 @@ use super::lanes::LANES;
 use super::lens::Place;
 use super::look::{Look, Scenery, spots};
 use super::maps::Resolver;
-use super::shade::{Brushes, Painting};
+use super::paint::Painting;
+use super::shade::Brushes;
 use super::sight::{Samples, Sight};
 use super::surface::{Facet, Frame};
 use super::texture::Parts;
@@ -223,7 +224,6 @@ struct Painter<'p> {
 struct Easel<'p> {
     resolver: Resolver,
     seen: Seen,
-    hollow: Kept<bool>,
     brushes: Brushes<'p>,
 }
 
@@ -232,7 +232,6 @@ impl Easel<'_> {
         Self {
             resolver: Resolver::new(),
             seen: Seen::default(),
-            hollow: Kept::new(),
             brushes: Brushes::new(),
         }
     }
@@ -268,13 +267,13 @@ impl<'p> Painter<'p> {
             let Easel {
                 resolver,
                 seen,
-                hollow,
-                ..
+                brushes,
             } = &mut *easel;
             resolver.resolve_tile(tile, (width, height), seen);
+            brushes.tidy();
+            // Most are painted next.
             maps.take(seen, |triangle| {
-                let is_hollow = || self.pixels.frame.is_hollow(triangle as usize);
-                *hollow.get(triangle, is_hollow)
+                brushes.is_hollow(triangle, &self.pixels.frame)
             });
         } else {
             let mut facets = Kept::new();

@@ -160,11 +160,6 @@ impl<'m> Frame<'m> {
         }
     }
 
-    /// Whether the back of a triangle is seen, which is no surface, as [`Facet::is_hollow`].
-    pub(crate) fn is_hollow(&self, triangle: usize) -> bool {
-        self.is_one_sided(triangle) && self.facet(triangle).is_hollow()
-    }
-
     /// The surface of a triangle, for its colours.
     pub(crate) fn patch(&self, triangle: usize) -> Patch<'m> {
         let [a, b, c] = self.corners(triangle);

@@ -10,6 +10,7 @@
 )]
 
 use super::lanes::{LANES, Lanes};
+use crate::ahead::prefetch;
 use crate::error::{Error, Result};
 use glam::{Vec2, Vec3};
 use mvs_datasets::scene::{ColorImage, Corner, Raster};
@@ -262,13 +263,21 @@ impl<'m> Texels<'m> {
     /// As [`Self::color_inside`], of places that [`Self::are_inside`].
     #[inline(always)]
     pub(crate) fn color_well_inside<L: Lanes>(&self, l: L, start: u32, parts: (f32, f32)) -> L::V {
-        let start = start as usize;
-        let eight = |start: usize| {
-            let from = self.bytes.get(start..).and_then(<[u8]>::first_chunk);
-            from.unwrap_or(&[0; LANES])
-        };
-        let lower = start + 3 * self.columns.size as usize;
-        mix(l, (*eight(start), *eight(lower)), parts)
+        let (start, stride) = (start as usize, 3 * self.columns.size as usize);
+        // One comparison for both rows.
+        let both = self.bytes.get(start..start + stride + LANES);
+        let (upper, lower) = both.map_or((&[][..], &[][..]), |both| (both, &both[stride..]));
+        match (upper.first_chunk(), lower.first_chunk()) {
+            (Some(upper), Some(lower)) => mix(l, (*upper, *lower), parts),
+            _ => l.load(&nowhere()),
+        }
+    }
+
+    /// Asks for what is read of a place before its turn.
+    #[inline(always)]
+    pub(crate) fn fetch(&self, start: u32) {
+        prefetch(self.bytes, start as usize);
+        prefetch(self.bytes, start as usize + 3 * self.columns.size as usize);
     }
 
     /// Whether two rows of two texels and what is read behind them lie in the texture, from all of these
@@ -340,6 +349,13 @@ impl<'m> Texels<'m> {
         };
         (pair(row), pair(below))
     }
+}
+
+/// What no place that was checked has.
+#[cold]
+#[inline(never)]
+fn nowhere() -> Parts {
+    [0.0; LANES]
 }
 
 /// The upper two texels with the lower two, each by its share.

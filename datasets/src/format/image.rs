@@ -19,11 +19,10 @@ const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 /// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread, 16 bits
 /// become 8.
 pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
-    let pixels = pixels(bytes)?;
-    if let Some(image) = jpeg::decode(bytes, pixels) {
+    if let Some(image) = jpeg::decode(bytes, most_pixels(bytes)) {
         return Ok(image);
     }
-    let decoder = decoder(bytes, pixels)?;
+    let decoder = decoder(bytes, pixels(bytes)?)?;
     let (width, height) = decoder.dimensions();
     let values = match decoder.color_type() {
         ColorType::Rgb8 => {
@@ -72,11 +71,16 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
     DynamicImage::from_decoder(decoder(bytes, pixels(bytes)?)?).map_err(undecodable)
 }
 
+/// The most pixels that so many bytes can hold.
+fn most_pixels(bytes: &[u8]) -> u64 {
+    MOST_PIXELS.min(MOST_PIXELS_PER_BYTE * bytes.len() as u64)
+}
+
 /// The pixels that a JPEG or PNG states, if so few bytes can hold them.
 fn pixels(bytes: &[u8]) -> Result<u64, FormatError> {
     let (width, height) = read_size(bytes)?;
     let pixels = u64::from(width) * u64::from(height);
-    let most = MOST_PIXELS.min(MOST_PIXELS_PER_BYTE * bytes.len() as u64);
+    let most = most_pixels(bytes);
     if pixels > most {
         let problem = format!(
             "expected at most {most} pixels in an image of {} bytes, found {width} x {height}",

@@ -1,5 +1,6 @@
 //! What an encoded image's background comes back as, without encoding the image.
 
+use super::color::{levels, mix};
 use super::stripe::{Planes, Stripe};
 use super::transform::{self, WIDTH};
 use super::{JpegOptions, Source};
@@ -92,8 +93,10 @@ fn kind(source: &Source<'_>, mask: &Mask, (along, down): (usize, usize)) -> Kind
     let (mut inside, mut outside) = (false, false);
     for row in rows {
         let row = &mask.values()[source.places(along, row)];
-        inside |= row.contains(&true);
-        outside |= row.contains(&false);
+        // All of them, side by side: most are alike.
+        let kept = row.iter().map(|&kept| u32::from(kept)).sum::<u32>();
+        inside |= kept > 0;
+        outside |= (kept as usize) < row.len();
     }
     match (inside, outside) {
         (_, false) => Kind::Inside,
@@ -256,12 +259,6 @@ impl<'a> Decoded<'a> {
     }
 }
 
-/// Three parts of one to one of the other.
-#[inline(always)]
-fn mix(near: u16, far: u16) -> u16 {
-    (3 * near + far + 2) >> 2
-}
-
 struct Decode<'a> {
     source: &'a Source<'a>,
     stripe: &'a Stripe,
@@ -308,13 +305,8 @@ impl WithSimd for Brightest<'_> {
         let pixels = self.luma.iter().zip(chroma).zip(self.mask);
         let mut brightest = 0;
         for ((&luma, (&blue, &red)), &inside) in pixels {
-            let (blue, red) = (i32::from(blue) - 128, i32::from(red) - 128);
-            // Integers with 14 bits of fraction.
-            let luma = (i32::from(luma) << 14) + (1 << 13) - 1;
-            let red_part = (luma + 22970 * red) >> 14;
-            let green_part = (luma - 11700 * red - 5638 * blue) >> 14;
-            let blue_part = (luma + 29032 * blue) >> 14;
-            let level = red_part.max(green_part).max(blue_part);
+            let [red, green, blue] = levels(luma, [blue, red]);
+            let level = red.max(green).max(blue);
             brightest = brightest.max(if inside { 0 } else { level });
         }
         brightest.clamp(0, 255) as u8

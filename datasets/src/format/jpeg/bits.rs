@@ -35,60 +35,45 @@ pub(super) fn standard_codes() -> [Codes; 2] {
 /// No zeros before, sixteen of them.
 const SIXTEEN_ZEROS: usize = 0xf0;
 
-/// Bits as a file has them: from the highest of each byte on, and no 0xff without a zero byte behind.
-pub(super) struct Bits {
-    bytes: Vec<u8>,
-    /// What is not in `bytes` yet, in the lowest bits.
+/// Bytes that a stripe's codes take at most: of each coefficient 16 bits of code and 11 of value.
+const MOST: usize = 1 << 15;
+
+/// Bits of a few blocks, from the highest of each byte on: what is not as a file has it yet.
+pub(super) struct Codings {
+    /// With room for eight bytes at any place.
+    bytes: Box<[u8; MOST + 8]>,
+    /// Whole bytes.
+    count: usize,
+    /// What follows them, from the highest bit on, and how many bits that are: fewer than eight.
     word: u64,
-    /// How many of its bits are free.
-    free: u32,
+    used: u32,
 }
 
-impl Bits {
-    /// Bits behind bytes that are there.
-    pub(super) fn after(bytes: Vec<u8>) -> Self {
+impl Codings {
+    pub(super) fn new() -> Self {
         Self {
-            bytes,
+            bytes: Box::new([0; MOST + 8]),
+            count: 0,
             word: 0,
-            free: 64,
+            used: 0,
         }
     }
 
-    /// Appends the lowest `length` bits of `bits`, at most 32; all others are zero.
+    pub(super) fn clear(&mut self) {
+        (self.count, self.word, self.used) = (0, 0, 0);
+    }
+
+    /// Appends the lowest `length` bits of `bits`, at most 56; all others are zero. (Without a branch: one
+    /// that depended on the bits would be guessed wrong now and then.)
     #[inline(always)]
     fn put(&mut self, bits: u64, length: u32) {
-        if length <= self.free {
-            self.word = self.word << length | bits;
-            self.free -= length;
-        } else {
-            let left = length - self.free;
-            let word = self.word << self.free | bits >> left;
-            self.put_word(word);
-            // The bits that are written already are shifted out before the word is.
-            self.word = bits;
-            self.free = 64 - left;
-        }
-    }
-
-    #[inline(always)]
-    fn put_word(&mut self, word: u64) {
-        const LOWEST: u64 = 0x0101_0101_0101_0101;
-        let full_bytes = word & !word.wrapping_add(LOWEST) & (LOWEST << 7);
-        if full_bytes == 0 {
-            self.bytes.extend_from_slice(&word.to_be_bytes());
-        } else {
-            self.put_bytes(&word.to_be_bytes());
-        }
-    }
-
-    #[cold]
-    fn put_bytes(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.bytes.push(byte);
-            if byte == 0xff {
-                self.bytes.push(0);
-            }
-        }
+        self.used += length;
+        self.word |= bits << (64 - self.used);
+        let at = self.count % MOST;
+        self.bytes[at..at + 8].copy_from_slice(&self.word.to_be_bytes());
+        self.count += self.used as usize / 8;
+        self.word <<= self.used & 0x38;
+        self.used %= 8;
     }
 
     /// A value of a coefficient's size behind the code of a symbol.
@@ -132,15 +117,80 @@ impl Bits {
             self.put(u64::from(codes.ac[0] >> 8), codes.ac[0] & 0xff);
         }
     }
+}
+
+/// Bits as a file has them: no 0xff without a zero byte behind.
+pub(super) struct Bits {
+    bytes: Vec<u8>,
+    /// What is not in `bytes` yet, from the highest bit on, and how many bits that are: fewer than eight.
+    word: u64,
+    used: u32,
+}
+
+impl Bits {
+    /// Bits behind bytes that are there.
+    pub(super) fn after(bytes: Vec<u8>) -> Self {
+        Self {
+            bytes,
+            word: 0,
+            used: 0,
+        }
+    }
+
+    pub(super) fn append(&mut self, codings: &Codings) {
+        let (words, rest) = codings.bytes[..codings.count].as_chunks::<8>();
+        for word in words {
+            self.put_word(u64::from_be_bytes(*word));
+        }
+        for &byte in rest {
+            self.put_some(u64::from(byte) << 56, 8);
+        }
+        self.put_some(codings.word, codings.used);
+    }
+
+    /// Appends the highest `length` bits of `bits`, at most eight; all others are zero.
+    fn put_some(&mut self, bits: u64, length: u32) {
+        self.word |= bits >> self.used;
+        self.used += length;
+        if self.used >= 8 {
+            self.put_byte((self.word >> 56) as u8);
+            self.word <<= 8;
+            self.used -= 8;
+        }
+    }
+
+    #[inline(always)]
+    fn put_word(&mut self, bits: u64) {
+        const LOWEST: u64 = 0x0101_0101_0101_0101;
+        let word = self.word | bits >> self.used;
+        self.word = bits << 1 << (63 - self.used);
+        let full_bytes = word & !word.wrapping_add(LOWEST) & (LOWEST << 7);
+        if full_bytes == 0 {
+            self.bytes.extend_from_slice(&word.to_be_bytes());
+        } else {
+            self.put_bytes(word.to_be_bytes());
+        }
+    }
+
+    #[inline(never)]
+    fn put_bytes(&mut self, bytes: [u8; 8]) {
+        for byte in bytes {
+            self.put_byte(byte);
+        }
+    }
+
+    fn put_byte(&mut self, byte: u8) {
+        self.bytes.push(byte);
+        if byte == 0xff {
+            self.bytes.push(0);
+        }
+    }
 
     /// The bytes, the last filled with ones.
     pub(super) fn finish(mut self) -> Vec<u8> {
-        let missing = self.free % 8;
-        self.put((1 << missing) - 1, missing);
-        let used = (64 - self.free) as usize / 8;
-        if used > 0 {
-            let word = (self.word << self.free).to_be_bytes();
-            self.put_bytes(&word[..used]);
+        if self.used > 0 {
+            let filled = (self.word >> 56) as u8 | 0xff >> self.used;
+            self.put_byte(filled);
         }
         self.bytes
     }

@@ -8,6 +8,7 @@
 
 mod background;
 mod bits;
+mod color;
 mod decode;
 mod stripe;
 mod tables;
@@ -17,8 +18,9 @@ pub use background::stays_dark;
 pub(super) use decode::decode;
 
 use crate::scene::{ColorImage, Mask};
-use bits::{Bits, Codes};
+use bits::{Bits, Codes, Codings};
 use std::io::{Error, ErrorKind, Result};
+use std::ops::Range;
 use stripe::{Code, Pixels, Planes, Stripe, UNITS};
 use transform::Quantiser;
 
@@ -78,17 +80,19 @@ pub fn encode(image: &ColorImage, mask: Option<&Mask>, options: JpegOptions) -> 
     let codes = bits::standard_codes();
     let (mut bits, mut before) = (Bits::after(bytes), [0; 3]);
     let (mut planes, mut stripe) = (Planes::new(), Stripe::new());
+    let mut codings = Codings::new();
     for down in 0..source.rows() {
         for along in 0..source.stripes() {
             source.code((along, down), &mut planes, &mut stripe);
             let units = source.units(along);
+            codings.clear();
             put_units(
-                &mut bits,
-                &stripe,
-                (source.side(), units),
+                &mut codings,
+                (&stripe, source.side(), units),
                 &codes,
                 &mut before,
             );
+            bits.append(&codings);
         }
     }
     let mut bytes = bits.finish();
@@ -99,9 +103,8 @@ pub fn encode(image: &ColorImage, mask: Option<&Mask>, options: JpegOptions) -> 
 /// Appends the first of a stripe's units, whose sides have so many blocks of luma.
 #[inline(never)]
 fn put_units(
-    bits: &mut Bits,
-    stripe: &Stripe,
-    (side, units): (usize, usize),
+    out: &mut Codings,
+    (stripe, side, units): (&Stripe, usize, usize),
     [luma, chroma]: &[Codes; 2],
     before: &mut [i16; 3],
 ) {
@@ -110,11 +113,11 @@ fn put_units(
             for along in 0..side {
                 let block = side * unit + along;
                 let coded = &stripe.luma[side * down + block / UNITS];
-                bits.put_block(coded, block % UNITS, luma, &mut before[0]);
+                out.put_block(coded, block % UNITS, luma, &mut before[0]);
             }
         }
         for (coded, before) in stripe.chroma.iter().zip(&mut before[1..]) {
-            bits.put_block(coded, unit, chroma, before);
+            out.put_block(coded, unit, chroma, before);
         }
     }
 }
@@ -166,7 +169,7 @@ impl<'a> Source<'a> {
     }
 
     /// The pixels of a row within a stripe: places among all of the image's, row by row.
-    fn places(&self, along: usize, row: usize) -> std::ops::Range<usize> {
+    fn places(&self, along: usize, row: usize) -> Range<usize> {
         let width = self.image.width() as usize;
         let start = along * 8 * self.side() * UNITS;
         let end = width.min(start + 8 * self.side() * UNITS);

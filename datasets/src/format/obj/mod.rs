@@ -5,6 +5,7 @@
 
 mod assembly;
 mod piece;
+mod quick;
 #[cfg(test)]
 mod tests;
 mod text;

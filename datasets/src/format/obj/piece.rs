@@ -1,5 +1,6 @@
 //! A piece of an OBJ file, read without what stands before it but for how much that is.
 
+use super::quick;
 use super::text::{fields, index, lines, number, rest_of_line};
 use crate::error::FormatError;
 use glam::{DVec3, Vec2};
@@ -85,13 +86,56 @@ impl Piece {
             before,
             ..Self::default()
         };
-        for (number, line) in lines(text) {
+        let mut lines = lines(text);
+        loop {
+            while let Some(behind) = piece.quick(lines.rest()) {
+                lines.pass(behind);
+            }
+            let Some((number, line)) = lines.next() else {
+                break;
+            };
             piece.statement(&line).map_err(|problem| {
                 FormatError::new(format!("line {}", before.lines + number), problem)
             })?;
         }
         piece.lines = text.iter().filter(|&&byte| byte == b'\n').count();
         Ok(piece)
+    }
+
+    /// Reads the line that `text` begins with, if it is a plain one, and returns what stands behind it.
+    #[inline(always)]
+    fn quick<'t>(&mut self, text: &'t [u8]) -> Option<&'t [u8]> {
+        match text {
+            [b'v', b' ', ..] => {
+                let (at, behind) = quick::vertex(text)?;
+                self.vertices.push(at.into());
+                Some(behind)
+            }
+            [b'v', b't', ..] => {
+                let (at, behind) = quick::coord(text)?;
+                self.coords.push(coord_of(at));
+                Some(behind)
+            }
+            [b'f', b' ', ..] => {
+                let first = self.corners.len();
+                let behind = quick::face(text, self.counts(), &mut self.corners);
+                if behind.is_none() || self.corners.len() < first + 3 {
+                    self.corners.truncate(first);
+                    return None;
+                }
+                self.close_face(first);
+                behind
+            }
+            _ => None,
+        }
+    }
+
+    /// How many vertices and texture coordinates stand before what is read.
+    fn counts(&self) -> (usize, usize) {
+        (
+            self.before.vertices + self.vertices.len(),
+            self.before.coords + self.coords.len(),
+        )
     }
 
     fn statement(&mut self, line: &[u8]) -> Result<(), String> {
@@ -140,18 +184,12 @@ impl Piece {
             .next()
             .ok_or("expected `vt` and a number, found none")?;
         let second = words.next().map_or(Ok(0.0), number)?;
-        #[allow(
-            clippy::cast_possible_truncation,
-            reason = "texture coordinates are f32"
-        )]
-        self.coords
-            .push(Vec2::new(number(first)? as f32, second as f32));
+        self.coords.push(coord_of([number(first)?, second]));
         Ok(())
     }
 
     fn face<'a>(&mut self, words: impl Iterator<Item = &'a [u8]>) -> Result<(), String> {
-        let vertices = self.before.vertices + self.vertices.len();
-        let coords = self.before.coords + self.coords.len();
+        let (vertices, coords) = self.counts();
         let first = self.corners.len();
         for word in words {
             let mut parts = word.split(|&byte| byte == b'/');
@@ -166,17 +204,22 @@ impl Piece {
             };
             self.corners.push((vertex, coord));
         }
-        let face = &self.corners[first..];
-        if face.len() < 3 {
+        if self.corners.len() < first + 3 {
             self.skipped_faces += 1;
             self.corners.truncate(first);
             return Ok(());
         }
+        self.close_face(first);
+        Ok(())
+    }
+
+    /// Makes a face of the corners from `first` on.
+    fn close_face(&mut self, first: usize) {
+        let face = &self.corners[first..];
         let corners = u32::try_from(face.len()).unwrap_or(u32::MAX);
         let textured = face.iter().all(|(_, coord)| coord.is_some());
         let slot = self.slot(textured);
         self.faces.push(Face { corners, slot });
-        Ok(())
     }
 
     /// Where the current material stands in the list, for faces with or without texture coordinates.
@@ -194,4 +237,12 @@ impl Piece {
         self.current[usize::from(textured)] = Some(slot);
         slot
     }
+}
+
+fn coord_of([x, y]: [f64; 2]) -> Vec2 {
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "texture coordinates are f32"
+    )]
+    Vec2::new(x as f32, y as f32)
 }

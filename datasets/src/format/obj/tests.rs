@@ -219,3 +219,42 @@ fn pieces_are_cut_where_lines_end_for_sure() {
     assert_eq!(text::pieces(text, 1000).count(), 1);
     assert_eq!(text::pieces(b"", 10).count(), 0);
 }
+
+/// A space before a line's end leaves it to the reader of all lines.
+#[test]
+fn plain_lines_are_read_as_all_lines_are() {
+    let mut text = String::from("mtllib a.mtl\nusemtl a\n");
+    for i in 0..200u32 {
+        let at = [i.wrapping_mul(2_654_435_761), i * i, i].map(|n| f64::from(n % 100_000));
+        text += &format!(
+            "v {:.7} -{} {:.3}\n",
+            at[0] / 97.0,
+            at[1],
+            at[2] / 7.0 - 10.0
+        );
+        text += &format!("vt {:.6} {}\n", at[0] / 1e5, at[2] / 256.0);
+        if i >= 4 {
+            text += &match i % 5 {
+                0 => format!("f {}/{} {}/{i} {i}/{i}\n", i - 3, i - 2, i - 1),
+                1 => format!(
+                    "f {i}/{i}/1 {}/{}/2 {}/1/3 {}/2/9\n",
+                    i - 1,
+                    i - 1,
+                    i - 2,
+                    i - 3
+                ),
+                2 => format!("f {i} {} {}\nusemtl b{}\n", i - 1, i - 2, i % 3),
+                3 => format!("f -1/-1 -2/-2 -3/-1\r\nf {i}/1 1/1\n"),
+                _ => format!("f {i}//1 {}//2 {}//3 # three\n", i - 1, i - 3),
+            };
+        }
+    }
+    let plain = read_obj(text.as_bytes()).unwrap();
+    let spaced = text.replace('\n', " \n");
+    assert_eq!(read_obj(spaced.as_bytes()).unwrap(), plain);
+    assert!(plain.triangles.len() > 200 && plain.skipped_faces == 39);
+    for broken in ["v 1 2\n", "f 1/1 2/2 900/1\n", "vt x 0\n"] {
+        let error = |text: &str| read_obj(format!("{text}{broken}").as_bytes()).unwrap_err();
+        assert_eq!(error(&text).to_string(), error(&spaced).to_string());
+    }
+}

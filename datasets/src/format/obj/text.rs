@@ -11,10 +11,10 @@ pub(super) fn number(word: &[u8]) -> Result<f64, String> {
 }
 
 /// Powers of ten that f64 holds exactly, as whole numbers up to 10^15 too.
-const TENS: [f64; MOST_DIGITS + 1] = [
+pub(super) const TENS: [f64; MOST_DIGITS + 1] = [
     1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
 ];
-const MOST_DIGITS: usize = 15;
+pub(super) const MOST_DIGITS: usize = 15;
 
 /// A number of few digits without an exponent, to the same bits as any: a quotient of two exact numbers is
 /// rounded once. `None` for whatever else.
@@ -118,25 +118,62 @@ pub(in crate::format) fn plain(bytes: &[u8]) -> Result<&[u8], FormatError> {
 
 /// Lines with their numbers from 1. Lines but comments that end in a backslash are joined with the
 /// next.
-pub(in crate::format) fn lines(text: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, [u8]>)> {
-    let mut raw = text.split(|&byte| byte == b'\n').enumerate();
-    std::iter::from_fn(move || {
-        let (index, first) = raw.next()?;
-        let mut line = Cow::Borrowed(first);
+pub(in crate::format) fn lines(text: &[u8]) -> Lines<'_> {
+    Lines {
+        rest: Some(text),
+        number: 0,
+    }
+}
+
+/// See [`lines`].
+pub(in crate::format) struct Lines<'t> {
+    /// What stands behind the last line, if that had an end.
+    rest: Option<&'t [u8]>,
+    number: usize,
+}
+
+impl<'t> Lines<'t> {
+    /// What has not been looked at.
+    pub(super) fn rest(&self) -> &'t [u8] {
+        self.rest.unwrap_or_default()
+    }
+
+    /// Goes on behind one line.
+    pub(super) fn pass(&mut self, behind: &'t [u8]) {
+        self.rest = Some(behind);
+        self.number += 1;
+    }
+
+    /// The next line as it is.
+    fn one(&mut self) -> Option<&'t [u8]> {
+        let rest = self.rest?;
+        self.number += 1;
+        let end = rest.iter().position(|&byte| byte == b'\n');
+        self.rest = end.map(|end| &rest[end + 1..]);
+        Some(&rest[..end.unwrap_or(rest.len())])
+    }
+}
+
+impl<'t> Iterator for Lines<'t> {
+    type Item = (usize, Cow<'t, [u8]>);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let first = self.one()?;
+        let (number, mut line) = (self.number, Cow::Borrowed(first));
         if first.trim_ascii_start().starts_with(b"#") {
-            return Some((index + 1, line));
+            return Some((number, line));
         }
         while let Some(front) = line.trim_ascii_end().strip_suffix(b"\\") {
             let mut joined = front.to_vec();
             joined.push(b' ');
-            let Some((_, next)) = raw.next() else {
-                return Some((index + 1, Cow::Owned(joined)));
+            let Some(next) = self.one() else {
+                return Some((number, Cow::Owned(joined)));
             };
             joined.extend_from_slice(next);
             line = Cow::Owned(joined);
         }
-        Some((index + 1, line))
-    })
+        Some((number, line))
+    }
 }
 
 /// Cuts a text into pieces of about `size` bytes, none within what [`lines`] joins: behind lines of

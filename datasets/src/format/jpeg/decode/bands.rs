@@ -1,5 +1,6 @@
 //! Coefficients → rows of pixels.
 
+use super::super::color::{self, mix};
 use super::super::stripe::Stripe;
 use super::super::transform::{self, WIDTH};
 use super::Frame;
@@ -160,11 +161,10 @@ impl WithSimd for Put<'_, '_> {
     }
 }
 
-/// Three parts of the nearest to one of the next, between rows first, then within them.
+/// Halved chroma at full resolution: between rows first, then within them.
 #[inline(always)]
 fn widen((near, far): (&[u8], &[u8]), between: &mut [u16], out: &mut [u8]) {
     let count = between.len() - 2;
-    let mix = |near: u16, far: u16| (3 * near + far + 2) >> 2;
     let rows = near.iter().zip(far);
     for (out, (&near, &far)) in between[1..=count].iter_mut().zip(rows) {
         *out = mix(u16::from(near), u16::from(far));
@@ -181,7 +181,7 @@ fn widen((near, far): (&[u8], &[u8]), between: &mut [u16], out: &mut [u8]) {
 /// Pixels that are converted side by side.
 const SIDE_BY_SIDE: usize = 64;
 
-/// Luma and chroma → RGB, by integers with 14 bits of fraction.
+/// Luma and chroma → RGB.
 #[inline(always)]
 fn convert(luma: &[u8], [blue, red]: [&[u8]; 2], out: &mut [[u8; 3]]) {
     let (blocks, rest) = out.as_chunks_mut::<SIDE_BY_SIDE>();
@@ -191,13 +191,12 @@ fn convert(luma: &[u8], [blue, red]: [&[u8]; 2], out: &mut [[u8; 3]]) {
     for (out, ((luma, blue), red)) in blocks.iter_mut().zip(parts) {
         convert_block(luma, [blue, red], out);
     }
-    let mut last = [[[0; SIDE_BY_SIDE]; 3]; 1];
-    let [[luma_last, blue_last, red_last]] = &mut last;
-    luma_last[..rest.len()].copy_from_slice(&luma[whole..]);
-    blue_last[..rest.len()].copy_from_slice(&blue[whole..]);
-    red_last[..rest.len()].copy_from_slice(&red[whole..]);
+    let mut last = [[0; SIDE_BY_SIDE]; 3];
+    for (last, row) in last.iter_mut().zip([luma, blue, red]) {
+        last[..rest.len()].copy_from_slice(&row[whole..]);
+    }
     let mut block = [[0; 3]; SIDE_BY_SIDE];
-    convert_block(luma_last, [blue_last, red_last], &mut block);
+    convert_block(&last[0], [&last[1], &last[2]], &mut block);
     rest.copy_from_slice(&block[..rest.len()]);
 }
 
@@ -209,12 +208,10 @@ fn convert_block(
 ) {
     let mut levels = [[0u8; SIDE_BY_SIDE]; 3];
     for i in 0..SIDE_BY_SIDE {
-        let (blue, red) = (i32::from(blue[i]) - 128, i32::from(red[i]) - 128);
-        let luma = (i32::from(luma[i]) << 14) + (1 << 13) - 1;
-        let level = |value: i32| (value >> 14).clamp(0, 255) as u8;
-        levels[0][i] = level(luma + 22970 * red);
-        levels[1][i] = level(luma - 11700 * red - 5638 * blue);
-        levels[2][i] = level(luma + 29032 * blue);
+        let all = color::levels(luma[i], [blue[i], red[i]]);
+        for (levels, level) in levels.iter_mut().zip(all) {
+            levels[i] = level.clamp(0, 255) as u8;
+        }
     }
     for (i, out) in out.iter_mut().enumerate() {
         *out = [levels[0][i], levels[1][i], levels[2][i]];

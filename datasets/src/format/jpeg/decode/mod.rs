@@ -57,9 +57,11 @@ pub(in crate::format) fn decode(bytes: &[u8], most: u64) -> Option<ColorImage> {
     // The row of units before, the one that is put, and the one behind.
     let mut bands = [(); 3].map(|()| Band::new(&frame));
     let mut out = Rows::new(&frame);
+    let mut stripe = Stripe::new();
     for down in 0..rows {
         let [_, _, behind] = &mut bands;
-        read_row(&frame, &mut bits, &mut before, behind)?;
+        let room = (&mut stripe, behind);
+        read_row(&frame, &mut bits, &mut before, room)?;
         if down > 0 {
             out.put(&bands, (down - 1, rows), image.values_mut());
         }
@@ -69,15 +71,14 @@ pub(in crate::format) fn decode(bytes: &[u8], most: u64) -> Option<ColorImage> {
     bits.is_within().then_some(image)
 }
 
-/// Reads a row of units.
+/// Reads a row of units, by way of a stripe, into a band.
 fn read_row(
     frame: &Frame,
     bits: &mut Bits<'_>,
     before: &mut [i16; 3],
-    band: &mut Band,
+    (stripe, band): (&mut Stripe, &mut Band),
 ) -> Option<()> {
     let (units, side) = (frame.units(frame.width), frame.side());
-    let mut stripe = Stripe::new();
     for (along, first) in (0..units).step_by(UNITS).enumerate() {
         let blocks = stripe.luma.iter_mut().take(side * side);
         for blocks in blocks.chain(&mut stripe.chroma) {
@@ -96,7 +97,7 @@ fn read_row(
                 frame.can_be(1 + component, *before)?;
             }
         }
-        band.take(frame, along, &stripe);
+        band.take(frame, along, stripe);
     }
     Some(())
 }

@@ -13,6 +13,9 @@ pub(super) struct Table {
     /// By the next bits, where those hold a code and the value behind it: bits of both, zeros before the
     /// value (eight bits each), and the value; otherwise 0.
     values: Box<[u32; 1 << LOOK]>,
+    /// Of the other coefficients, the same in the lower half, but bits of all that is known; where the next
+    /// bits hold a second code and value too, 1, its zeros and its value in the upper half.
+    pairs: Box<[u64; 1 << LOOK]>,
     /// By the next bits, where those hold a code: its length and its symbol (eight bits each), else 0.
     symbols: Box<[u16; 1 << LOOK]>,
     /// By length: the codes of 16 bits from here on are longer, and what to add to a code for its place.
@@ -26,6 +29,7 @@ impl Table {
     pub(super) fn new(counts: &[u8; 16], symbols: &[u8], first: bool) -> Option<Self> {
         let mut table = Self {
             values: Box::new([0; 1 << LOOK]),
+            pairs: Box::new([0; 1 << LOOK]),
             symbols: Box::new([0; 1 << LOOK]),
             longer: [0; 17],
             places: [0; 17],
@@ -50,7 +54,27 @@ impl Table {
             table.longer[length as usize] = code << (16 - length);
             code <<= 1;
         }
+        if !first {
+            table.pair_up();
+        }
         Some(table)
+    }
+
+    /// Looks for second values behind the first ones.
+    fn pair_up(&mut self) {
+        for (at, pair) in self.pairs.iter_mut().enumerate() {
+            let one = self.values[at];
+            *pair = u64::from(one);
+            if one == 0 || one >> 8 & 0xff == END {
+                continue;
+            }
+            let length = one & 0xff;
+            let next = self.values[(at << length) % (1 << LOOK)];
+            if next != 0 && length + (next & 0xff) <= LOOK {
+                *pair += u64::from(next & 0xff);
+                *pair |= 1 << 32 | u64::from(next & !0xff) << 32;
+            }
+        }
     }
 
     fn add(&mut self, code: u32, length: u32, (symbol, first): (u8, bool)) {
@@ -207,29 +231,52 @@ impl<'b> Bits<'b> {
             self.value(size)
         };
         *before = before.checked_add(step)?;
+        self.others(others, (out, block))?;
         out.values[0][block] = *before;
+        Some(())
+    }
+
+    /// Reads all but the first coefficient of a block; what it leaves in that one's place means nothing.
+    #[inline(always)]
+    fn others(&mut self, table: &Table, (out, block): (&mut Coefficients, usize)) -> Option<()> {
         let mut place = 1;
         while place < 64 {
             if self.count < 32 {
                 self.fill();
             }
-            let known = others.values[self.peek(LOOK) % (1 << LOOK)];
-            let (run, value) = if known != 0 {
-                self.skip(known & 0xff);
-                (known >> 8 & 0xff, (known >> 16) as i16)
-            } else {
-                self.long(others)?
-            };
-            place += run;
+            let known = table.pairs[self.peek(LOOK) % (1 << LOOK)];
+            if known == 0 {
+                let (run, value) = self.long(table)?;
+                place += run;
+                if place >= END {
+                    return Some(());
+                }
+                out.values[place as usize % 64][block] = value;
+                place += 1;
+                continue;
+            }
+            place += known as u32 >> 8 & 0xff;
+            if place >= 63 {
+                // What follows is another block's.
+                let one = table.values[self.peek(LOOK) % (1 << LOOK)];
+                self.skip(one & 0xff);
+                if place == 63 {
+                    out.values[63][block] = (one >> 16) as i16;
+                }
+                return (place == 63 || place >= END).then_some(());
+            }
+            self.skip(known as u32 & 0xff);
+            out.values[place as usize % 64][block] = (known >> 16) as i16;
+            // Where there is no second value a zero is put behind the first, where it would come.
+            place += 1 + ((known >> 40) as u32 & 0xff);
             if place >= END {
                 return Some(());
             }
-            // Beyond the block: no encoder writes that.
-            let values = out.values.get_mut(place as usize)?;
-            values[block] = value;
-            place += 1;
+            out.values[place as usize % 64][block] = (known >> 48) as i16;
+            place += (known >> 32) as u32 & 0xff;
         }
-        Some(())
+        // Beyond the block: no encoder writes that.
+        (place == 64).then_some(())
     }
 
     /// Zeros and the value behind them, where both take more bits than are looked up.

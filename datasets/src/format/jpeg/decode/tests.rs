@@ -1,6 +1,5 @@
 use super::*;
 use crate::format::image::{read_color, read_gray};
-use crate::format::jpeg::JpegOptions;
 use crate::format::jpeg::tests::{all_options, oracle, picture, random};
 use ::image::ImageFormat;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
@@ -187,11 +186,4 @@ fn tables_that_cannot_be_are_refused() {
     assert!(Table::new(&counts, &symbols[..1], true).is_some());
     counts[1] = 3;
     assert!(Table::new(&counts, &symbols[..4], false).is_none());
-}
-
-#[test]
-fn default_options_are_read() {
-    let image = picture((64, 64), 0);
-    let bytes = crate::format::jpeg::encode(&image, None, JpegOptions::default()).unwrap();
-    assert!(found(&bytes) == obvious(&bytes) && found(&bytes).is_some());
 }
