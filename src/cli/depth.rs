@@ -10,7 +10,8 @@ use std::path::PathBuf;
 ///
 /// Errors in depth intervals (EPE, above 1, above 3; an error of exactly the limit counted as good
 /// and as bad), absolute and relative, inliers at 1.03, density, and the area under the
-/// sparsification error where there is confidence; per view and for the scene.
+/// sparsification error where there is confidence; per view and for the scene. Views without a depth
+/// map count as density 0, make the means partial and the exit code 1.
 ///
 /// Example: mvs-eval depth --truth scene --estimates estimates --out depth
 #[derive(Debug, Args, Serialize)]
@@ -50,11 +51,14 @@ pub(crate) fn execute(job: &DepthJob, global: &Global) -> anyhow::Result<Verdict
             table.add_row(std::iter::once(name).chain(scores.values().map(text)));
         };
         for row in &outcome.views {
-            add(row.view.to_string(), &row.scores);
+            let mark = if row.missing { " (missing)" } else { "" };
+            add(format!("{}{mark}", row.view), &row.scores);
         }
-        add("mean over views".into(), &outcome.scene.mean_over_views);
-        add("mean over pixels".into(), &outcome.scene.mean_over_pixels);
+        let scene = &outcome.scene;
+        let mark = if scene.partial { "partial " } else { "" };
+        add(format!("{mark}mean over views"), &scene.mean_over_views);
+        add(format!("{mark}mean over pixels"), &scene.mean_over_pixels);
         table
     })?;
-    Ok(Verdict::Passed)
+    Ok(Verdict::failed_if(outcome.scene.partial))
 }

@@ -6,8 +6,9 @@ use crate::parallel;
 use crate::provenance::Run;
 use crate::report::colormap;
 use crate::score::depth::{
-    DepthMapsOfView, DepthRow, DepthScene, DepthScores, score_scene, score_view,
+    DepthMapsOfView, DepthRow, DepthScene, DepthScores, score_missing, score_scene, score_view,
 };
+use crate::warning::Warning;
 use mvs_datasets::format::image;
 use mvs_datasets::layout::blended::BlendedFolder;
 use mvs_datasets::layout::{files, mvsnet};
@@ -60,12 +61,14 @@ pub struct DepthOutcome {
     pub planes: u32,
     /// The scene's means.
     pub scene: DepthScene,
-    /// The views with an estimate, by id.
+    /// The views, by id; those without an estimate have density 0.
     pub views: Vec<DepthRow>,
-    /// Ids of the views without one.
+    /// Ids of the views without an estimate.
     pub missing: Vec<u32>,
 }
 
+/// So many ids of missing views are named in a warning.
+const NAMED: usize = 8;
 /// Errors of this many intervals and more have the darkest colour in a map.
 const DARKEST: f64 = 3.0;
 /// Pixels whose truth does not count.
@@ -77,26 +80,32 @@ const NO_ESTIMATE: [u8; 3] = [40, 70, 200];
 pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
     let folder = BlendedFolder::new(&job.truth);
     let scene = folder.read_scene(None)?;
-    let estimate = |view: &View| job.estimates.join(mvsnet::file_name(view.id, ".pfm"));
-    let (there, missing): (Vec<&View>, Vec<&View>) = scene
-        .views()
-        .iter()
-        .partition(|view| estimate(view).exists());
-    if there.is_empty() {
-        let name = mvsnet::file_name(scene.views().first().map_or(0, |view| view.id), ".pfm");
+    let all = scene.views();
+    let there = |view: &View| {
+        job.estimates
+            .join(mvsnet::file_name(view.id, ".pfm"))
+            .exists()
+    };
+    let there: Vec<bool> = all.iter().map(there).collect();
+    let missing = all.iter().zip(&there).filter(|(_, there)| !**there);
+    let missing: Vec<u32> = missing.map(|(view, _)| view.id).collect();
+    if missing.len() == all.len() {
+        let name = mvsnet::file_name(all.first().map_or(0, |view| view.id), ".pfm");
         let problem = format!("expected depth maps named like {name}, found none");
         return Err(Error::invalid(job.estimates.display().to_string(), problem));
     }
-    if !missing.is_empty() {
-        let message = format!("{} views have no depth map", missing.len());
-        context.warnings.add("missing-depth", message);
+    if let Some(warning) = warning_of(&missing, all.len()) {
+        context.warnings.add(&warning.code, warning.message);
     }
     let out = job.out.as_deref();
     let out = out.map(|path| create(job, path, context)).transpose()?;
-    context.progress.begin("comparing", there.len() as u64);
-    let views = parallel::try_map(there.len(), |index| {
+    context.progress.begin("comparing", all.len() as u64);
+    let views = parallel::try_map(all.len(), |index| {
         context.progress.check()?;
-        let row = one_view(job, &folder, there[index], (out.as_ref(), context))?;
+        let row = match there[index] {
+            true => one_view(job, &folder, &all[index], (out.as_ref(), context))?,
+            false => missing_view(job, &folder, &all[index], out.as_ref())?,
+        };
         context.progress.advance(1);
         Ok(row)
     })?;
@@ -105,7 +114,7 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
         planes: job.planes,
         scene: score_scene(&views),
         views,
-        missing: missing.iter().map(|view| view.id).collect(),
+        missing,
     };
     if let Some(out) = out {
         out.write_json("depth.json", &outcome)?;
@@ -113,6 +122,22 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
         out.finish()?;
     }
     Ok(outcome)
+}
+
+/// Says which views have no depth map.
+fn warning_of(missing: &[u32], views: usize) -> Option<Warning> {
+    let named: Vec<String> = missing.iter().take(NAMED).map(u32::to_string).collect();
+    let rest = match missing.len() - named.len() {
+        0 => String::new(),
+        rest => format!(" and {rest} more"),
+    };
+    let message = format!(
+        "{} of {views} views have no depth map: {}{rest}; they count as density 0, errors are means \
+         over the others only",
+        missing.len(),
+        named.join(", ")
+    );
+    (!missing.is_empty()).then(|| Warning::new("missing-depth", message))
 }
 
 fn create(job: &DepthJob, path: &Path, context: &Context<'_>) -> Result<OutDir> {
@@ -153,12 +178,30 @@ fn one_view(
         let message = format!("view {}: no true depth lies in its range", view.id);
         context.warnings.add("nothing-counted", message);
     }
-    if let Some(out) = out {
-        let picture = picture(&truth, &planes, &errors)?;
-        let name = Path::new("errors").join(mvsnet::file_name(view.id, ".png"));
-        out.write(name, |file| image::write_png(file, &picture))?;
-    }
+    write_picture(out, view, &picture(&truth, &planes, &errors)?)?;
     Ok(row)
+}
+
+/// A view without an estimate: its row, and a picture of what is missing.
+fn missing_view(
+    job: &DepthJob,
+    folder: &BlendedFolder,
+    view: &View,
+    out: Option<&OutDir>,
+) -> Result<DepthRow> {
+    let planes = planes_of(job, folder, view)?;
+    let truth = folder.read_depth(view.id)?.0;
+    let (row, errors) = score_missing(view.id, truth.values(), &planes)?;
+    write_picture(out, view, &picture(truth.raster(), &planes, &errors)?)?;
+    Ok(row)
+}
+
+fn write_picture(out: Option<&OutDir>, view: &View, picture: &ColorImage) -> Result<()> {
+    let Some(out) = out else {
+        return Ok(());
+    };
+    let name = Path::new("errors").join(mvsnet::file_name(view.id, ".png"));
+    out.write(name, |file| image::write_png(file, picture))
 }
 
 /// The view's sweep, from the range in its `cam.txt`.
@@ -231,10 +274,13 @@ fn picture(truth: &Raster<f32>, planes: &DepthPlanes, errors: &DepthErrors) -> R
     Ok(picture)
 }
 
-/// One line per view, then the two means.
+/// One line per view, then the two means, which are named partial where views are missing.
 fn write_csv(out: &mut impl Write, outcome: &DepthOutcome) -> std::io::Result<()> {
     let names = DepthScores::NAMES.join(",");
-    writeln!(out, "view,interval,scale,offset,counted,compared,{names}")?;
+    writeln!(
+        out,
+        "view,interval,scale,offset,counted,compared,{names},status"
+    )?;
     let values = |scores: &DepthScores| {
         let text = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
         scores.values().map(text).join(",")
@@ -243,19 +289,26 @@ fn write_csv(out: &mut impl Write, outcome: &DepthOutcome) -> std::io::Result<()
         let (fit, scores) = (row.fit, values(&row.scores));
         writeln!(
             out,
-            "{},{},{},{},{},{},{scores}",
-            row.view, row.interval, fit.scale, fit.offset, row.counted, row.compared
+            "{},{},{},{},{},{},{scores},{}",
+            row.view,
+            row.interval,
+            fit.scale,
+            fit.offset,
+            row.counted,
+            row.compared,
+            if row.missing { "missing" } else { "compared" }
         )?;
     }
     let scene = &outcome.scene;
-    writeln!(
-        out,
-        "mean_over_views,,,,,,{}",
-        values(&scene.mean_over_views)
-    )?;
-    writeln!(
-        out,
-        "mean_over_pixels,,,,,,{}",
-        values(&scene.mean_over_pixels)
-    )
+    let (prefix, status) = match scene.partial {
+        true => ("partial_", "partial"),
+        false => ("", "complete"),
+    };
+    let means = [
+        ("mean_over_views", &scene.mean_over_views),
+        ("mean_over_pixels", &scene.mean_over_pixels),
+    ];
+    means.into_iter().try_for_each(|(name, scores)| {
+        writeln!(out, "{prefix}{name},,,,,,{},{status}", values(scores))
+    })
 }

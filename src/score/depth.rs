@@ -54,6 +54,8 @@ pub struct DepthRow {
     pub counted: usize,
     /// Of those, the ones with an estimate.
     pub compared: usize,
+    /// Whether there was no depth map: density is then 0, and there are no errors.
+    pub missing: bool,
     /// The numbers.
     #[serde(flatten)]
     pub scores: DepthScores,
@@ -62,6 +64,9 @@ pub struct DepthRow {
 /// A scene's numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DepthScene {
+    /// Whether views are missing. Errors are then means over the others, and say less than those of a
+    /// method that dared them all; density is over all views.
+    pub partial: bool,
     /// The unweighted mean over the views that have the value: the published data-set value.
     pub mean_over_views: DepthScores,
     /// The mean weighted by compared pixels (`density`: by counted ones).
@@ -150,7 +155,27 @@ pub fn score_view(
         fit,
         counted: errors.counted(),
         compared: errors.compared(),
+        missing: false,
         scores,
+    };
+    Ok((row, errors))
+}
+
+/// The row of a view without a depth map, and its errors, which are none.
+pub fn score_missing(
+    view: u32,
+    truth: &[f32],
+    planes: &DepthPlanes,
+) -> Result<(DepthRow, DepthErrors)> {
+    let maps = DepthMapsOfView {
+        truth,
+        estimate: &vec![0.0; truth.len()],
+        confidence: None,
+    };
+    let (row, errors) = score_view(view, &maps, planes, Alignment::None)?;
+    let row = DepthRow {
+        missing: true,
+        ..row
     };
     Ok((row, errors))
 }
@@ -162,6 +187,7 @@ pub fn score_scene(rows: &[DepthRow]) -> DepthScene {
         _ => row.compared as f64,
     };
     DepthScene {
+        partial: rows.iter().any(|row| row.missing),
         mean_over_views: weighted(rows, |_, _| 1.0),
         mean_over_pixels: weighted(rows, over_pixels),
     }
@@ -225,6 +251,15 @@ mod tests {
         assert_eq!(scene.mean_over_views.density, Some(0.875));
         assert_eq!(scene.mean_over_pixels.density, Some(4.0 / 5.0));
         assert_eq!(scene.mean_over_views.ause, Some(0.0));
+        assert!(!scene.partial);
+        let missing = score_missing(11, &[4.0, 9.0], &planes).unwrap().0;
+        assert!(missing.missing && missing.scores.epe.is_none());
+        let scene = score_scene(&[rows[0].clone(), rows[1].clone(), missing]);
+        assert!(scene.partial);
+        // Of 4 + 1 + 1 true depths, 3 + 1 have an estimate; errors are those of the others.
+        assert_eq!(scene.mean_over_views.density, Some((0.75 + 1.0) / 3.0));
+        assert_eq!(scene.mean_over_pixels.density, Some(4.0 / 6.0));
+        assert_eq!(scene.mean_over_views.epe, Some(2.5));
         let names_and_values = DepthScores::NAMES.len() == found.values().len();
         assert!(names_and_values && DepthScores::of_values(found.values()) == found);
     }

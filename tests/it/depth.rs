@@ -62,9 +62,10 @@ fn run(arguments: &[String]) -> std::process::Output {
     mvs_eval(&arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
+/// The answer for a scene one of whose views has no estimate.
 fn answer(arguments: &[String]) -> serde_json::Value {
     let output = run(arguments);
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
@@ -89,17 +90,29 @@ fn values_are_those_computed_by_hand() {
     }
     let scene = &found["scene"];
     assert_eq!(scene["mean_over_views"]["epe"], 2.0);
-    assert_eq!(scene["mean_over_views"]["density"], 0.9);
-    assert_eq!(scene["mean_over_pixels"]["density"], 12.0 / 13.0);
+    // View 5 has eight true depths and no estimate.
+    let found = [
+        &view["missing"],
+        &found["views"][2]["missing"],
+        &scene["partial"],
+    ];
+    assert_eq!(
+        found,
+        [false, true, true].map(serde_json::Value::from).each_ref()
+    );
+    assert_eq!(scene["mean_over_views"]["density"], (0.8 + 1.0) / 3.0);
+    assert_eq!(scene["mean_over_pixels"]["density"], 12.0 / 21.0);
     assert_eq!(scene["mean_over_views"]["above_3"], 0.125);
     assert_eq!(scene["mean_over_pixels"]["above_3"], 1.0 / 12.0);
     let csv = fs::read_to_string(out.join("depth.csv")).unwrap();
     let first: Vec<&str> = csv.lines().nth(1).unwrap().split(',').collect();
     assert_eq!(first[..8], ["0", "1", "1", "0", "5", "4", "2", "0.5"]);
     assert!(
-        csv.lines().last().unwrap().starts_with("mean_over_pixels,"),
+        csv.contains("\n5,1,1,0,8,0,,,,,,,,,0,,missing\npartial_mean_over_views,,"),
         "{csv}"
     );
+    let last = csv.lines().last().unwrap();
+    assert!(last.starts_with("partial_mean_over_pixels,") && last.ends_with(",partial"));
     let picture = fs::read(out.join("errors/00000000.png")).unwrap();
     let picture = image::read_color(&picture).unwrap();
     let at = |column, row| picture.get(column, row);
@@ -108,19 +121,51 @@ fn values_are_those_computed_by_hand() {
     assert!(at(1, 0) != at(0, 0) && at(1, 0) != at(2, 0));
     assert_eq!([at(0, 1), at(1, 1), at(2, 1)], [[64; 3]; 3], "not counted");
     assert_eq!(at(3, 1), [40, 70, 200], "no estimate");
+    let missing = image::read_color(&fs::read(out.join("errors/00000005.png")).unwrap()).unwrap();
+    assert_eq!(missing.values(), [[40, 70, 200]; 8]);
     assert!(out.join("run.toml").exists());
     // Kept unless it may be replaced; made again from its run.toml.
     let again = run(&arguments(folder.path(), &more));
     assert_eq!(again.status.code(), Some(2));
     let copy = folder.path().join("copy");
     let replayed = mvs_eval(&["replay", text(&out.join("run.toml")), "--out", text(&copy)]);
-    assert_eq!(replayed.status.code(), Some(0), "{}", stderr(&replayed));
+    assert_eq!(replayed.status.code(), Some(1), "{}", stderr(&replayed));
     for name in ["depth.csv", "depth.json", "errors/00000002.png"] {
         assert_eq!(
             fs::read(out.join(name)).unwrap(),
             fs::read(copy.join(name)).unwrap()
         );
     }
+}
+
+#[test]
+fn leaving_a_view_out_is_said_and_cannot_raise_density() {
+    let folder = scene();
+    let estimates = folder.path().join("estimates");
+    let missing = run(&arguments(folder.path(), &[]));
+    assert!(
+        stderr(&missing).contains("1 of 3 views have no depth map: 5;"),
+        "{}",
+        stderr(&missing)
+    );
+    put(&estimates, 5, (4, 2), &[0.0; 8]);
+    let output = run(&arguments(folder.path(), &[]));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let parse = |output: &std::process::Output| -> serde_json::Value {
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (complete, missing) = (parse(&output), parse(&missing));
+    assert_eq!(complete["missing"], serde_json::json!([]));
+    assert_eq!(complete["scene"]["partial"], false);
+    // No map and a map without a depth say the same.
+    for mean in ["mean_over_views", "mean_over_pixels"] {
+        assert_eq!(complete["scene"][mean], missing["scene"][mean]);
+    }
+    let out = folder.path().join("out");
+    let output = run(&arguments(folder.path(), &["--out", text(&out)]));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let csv = fs::read_to_string(out.join("depth.csv")).unwrap();
+    assert!(csv.contains("\nmean_over_views,") && csv.ends_with(",complete\n"));
 }
 
 #[test]
