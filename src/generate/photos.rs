@@ -1,12 +1,15 @@
 //! Where photographs come from.
 
 use crate::error::{Error, Result};
+use crate::parallel;
 use crate::provenance;
 use crate::render::Rendering;
+use crate::warning::Warning;
 use mvs_datasets::format::image;
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, View};
 use std::collections::BTreeMap;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// The photographs of a scene's views, of any size.
@@ -17,9 +20,16 @@ pub trait Photographs: Sync {
 
     /// What the photograph's content follows from: a hash of its file, say.
     fn digest(&self, view: &View) -> Result<String>;
+
+    /// The EXIF orientation that the photograph's file states, if it is not 1 (upright as stored).
+    fn orientation(&self, _view: &View) -> Option<u8> {
+        None
+    }
 }
 
-/// Photographs in a folder, found by the view's name, else by its eight-digit id.
+/// Photographs in a folder: the file of the view's name; else one of that name with another ending;
+/// else the same without the name's folder, or of the view's eight-digit id. The last two are looked for
+/// only where no view's photograph lies in a folder of its name, so that none is taken from another's.
 #[derive(Debug, Clone)]
 pub struct PhotoFolder {
     paths: BTreeMap<u32, PathBuf>,
@@ -30,19 +40,26 @@ const ENDINGS: [&str; 6] = ["jpg", "jpeg", "JPG", "JPEG", "png", "PNG"];
 impl PhotoFolder {
     /// Finds the photograph of each view; the ones that are missing are named at once.
     pub fn open(folder: &Path, views: &[View]) -> Result<Self> {
-        if !folder.is_dir() {
+        if !is(folder, std::fs::Metadata::is_dir)? {
             let problem = "expected a folder of photographs, found none";
             return Err(mvs_datasets::Error::layout(folder, problem).into());
         }
+        let mut nested = false;
+        for view in views.iter().filter(|view| !folder_of(view).is_empty()) {
+            nested = nested || is_file(&folder.join(&view.name))?;
+        }
         let mut paths = BTreeMap::new();
+        let mut owners: BTreeMap<PathBuf, &View> = BTreeMap::new();
         let mut missing = Vec::new();
         for view in views {
-            match find(folder, view) {
-                Some(path) => {
-                    paths.insert(view.id, path);
-                }
-                None => missing.push(view),
+            let Some(path) = find(folder, view, nested)? else {
+                missing.push(view);
+                continue;
+            };
+            if let Some(other) = owners.insert(path.clone(), view) {
+                return Err(taken_twice(&path, other, view));
             }
+            paths.insert(view.id, path);
         }
         if let Some(first) = missing.first() {
             let problem = format!(
@@ -68,26 +85,88 @@ impl PhotoFolder {
         self.paths.values().map(PathBuf::as_path)
     }
 
+    /// A warning where photographs are stored turned: their pixels are taken as stored.
+    pub fn warning(&self) -> Option<Warning> {
+        let paths: Vec<&PathBuf> = self.paths.values().collect();
+        let turned = parallel::map(paths.len(), |index| orientation_of(paths[index]));
+        let turned: Vec<(&PathBuf, u8)> = (paths.into_iter().zip(turned))
+            .filter_map(|(path, orientation)| Some((path, orientation?)))
+            .collect();
+        let (first, orientation) = turned.first()?;
+        let message = format!(
+            "{} photographs say by EXIF that they are to be turned before they are shown; pixels are \
+             taken as stored, as most photogrammetry does; the first is {} (orientation {orientation}): \
+             if the cameras are for upright images, turn the pixels and take the tag off \
+             (mogrify -auto-orient)",
+            turned.len(),
+            first.display(),
+        );
+        Some(Warning::new("exif-orientation", message))
+    }
+
     fn path(&self, view: &View) -> Result<&PathBuf> {
         let unknown = || Error::invalid(format!("view {}", view.id), "has no photograph");
         self.paths.get(&view.id).ok_or_else(unknown)
     }
 }
 
-fn find(folder: &Path, view: &View) -> Option<PathBuf> {
+fn find(folder: &Path, view: &View, nested: bool) -> Result<Option<PathBuf>> {
     let named = folder.join(&view.name);
-    if !view.name.is_empty() && named.is_file() {
-        return Some(named);
+    if !view.name.is_empty() && is_file(&named)? {
+        return Ok(Some(named));
     }
     let stem = Path::new(&view.name).file_stem();
-    let by_id = format!("{:08}", view.id);
-    let stems = stem
-        .into_iter()
-        .map(|stem| stem.to_string_lossy().into_owned())
-        .chain([by_id]);
-    stems
-        .flat_map(|stem| ENDINGS.map(|end| folder.join(format!("{stem}.{end}"))))
-        .find(|path| path.is_file())
+    let stem = stem.map(|stem| stem.to_string_lossy().into_owned());
+    let mut stems = Vec::new();
+    if let Some(stem) = &stem {
+        stems.push(Path::new(folder_of(view)).join(stem));
+    }
+    if !nested || folder_of(view).is_empty() {
+        stems.extend(stem.map(PathBuf::from));
+        stems.push(format!("{:08}", view.id).into());
+    }
+    for stem in stems {
+        for end in ENDINGS {
+            let path = folder.join(format!("{}.{end}", stem.display()));
+            if is_file(&path)? {
+                return Ok(Some(path));
+            }
+        }
+    }
+    Ok(None)
+}
+
+/// `a` of a view named `a/b.jpg`, else nothing.
+fn folder_of(view: &View) -> &str {
+    view.name.rsplit_once('/').map_or("", |(folder, _)| folder)
+}
+
+fn is_file(path: &Path) -> Result<bool> {
+    is(path, std::fs::Metadata::is_file)
+}
+
+/// Whether there is something of that kind; an error where that cannot be found out.
+fn is(path: &Path, kind: fn(&std::fs::Metadata) -> bool) -> Result<bool> {
+    match std::fs::metadata(path) {
+        Ok(found) => Ok(kind(&found)),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            Ok(false)
+        }
+        Err(error) => Err(mvs_datasets::Error::io(path, "look at")(error).into()),
+    }
+}
+
+fn taken_twice(path: &Path, first: &View, second: &View) -> Error {
+    let called = |view: &View| match view.name.is_empty() {
+        true => format!("view {}", view.id),
+        false => format!("view {} ({})", view.id, view.name),
+    };
+    let problem = format!(
+        "expected a photograph of each view, found this one for both {} and {}",
+        called(first),
+        called(second)
+    );
+    mvs_datasets::Error::layout(path, problem).into()
 }
 
 fn expected_name(view: &View) -> String {
@@ -106,6 +185,25 @@ impl Photographs for PhotoFolder {
     fn digest(&self, view: &View) -> Result<String> {
         provenance::hash_path(self.path(view)?)
     }
+
+    fn orientation(&self, view: &View) -> Option<u8> {
+        orientation_of(self.path(view).ok()?)
+    }
+}
+
+/// So much of a file holds the head of its image, as a rule.
+const HEAD: u64 = 1 << 18;
+
+/// The EXIF orientation of a file, if it states one that is not 1; files that are no images have none.
+pub(crate) fn orientation_of(path: &Path) -> Option<u8> {
+    let read = |most: u64| {
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(path).ok()?;
+        file.take(most).read_to_end(&mut bytes).ok()?;
+        image::read_orientation(&bytes).ok()
+    };
+    let orientation = read(HEAD).or_else(|| read(u64::MAX))?;
+    (orientation != 1).then_some(orientation)
 }
 
 #[cfg(test)]
@@ -113,6 +211,7 @@ mod tests {
     use super::*;
     use glam::DVec2;
     use mvs_datasets::scene::{Camera, Pose};
+    use std::io::Write;
 
     fn view(id: u32, name: &str) -> View {
         View {
@@ -144,6 +243,86 @@ mod tests {
             .to_string();
         assert!(
             error.contains("2 of 3 views") && error.contains("x.jpg"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn no_photograph_is_taken_for_two_views() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = |views: &[View], parts: &[&str]| {
+            let error = PhotoFolder::open(folder.path(), views).unwrap_err();
+            let error = error.to_string();
+            assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+        };
+        touch(&folder.path().join("00000000.jpg"));
+        let twins = [view(0, "00000000.jpg"), view(1, "camA/00000000.jpg")];
+        let both = ["view 0 (00000000.jpg)", "view 1 (camA/00000000.jpg)"];
+        refused(&twins, &both);
+        refused(
+            &[view(3, "00000000.jpg"), view(5, "00000000.jpg")],
+            &["view 3", "view 5"],
+        );
+        // With the folder left out in all names, each has its own.
+        let one = [view(1, "images/00000000.jpg")];
+        assert!(PhotoFolder::open(folder.path(), &one).is_ok());
+        // Where folders mean something, the photograph of another one is not taken.
+        touch(&folder.path().join("camB/00000000.jpg"));
+        let rig = [view(0, "camA/00000000.jpg"), view(1, "camB/00000000.jpg")];
+        refused(&rig, &["1 of 2 views", "camA/00000000.jpg"]);
+        touch(&folder.path().join("camA/00000000.png"));
+        let photos = PhotoFolder::open(folder.path(), &rig).unwrap();
+        let expected = ["camA/00000000.png", "camB/00000000.jpg"];
+        let expected = expected.map(|name| folder.path().join(name));
+        assert!(photos.files().eq(&expected));
+    }
+
+    /// A JPEG whose EXIF says this orientation.
+    fn turned(orientation: u8) -> Vec<u8> {
+        let mut jpeg = Vec::new();
+        let picture = ColorImage::filled(4, 3, [90; 3]).unwrap();
+        image::write_jpeg(&mut jpeg, &picture, image::JpegOptions::default()).unwrap();
+        let mut exif = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0".to_vec();
+        exif.extend(b"\x12\x01\x03\0\x01\0\0\0"); // orientation, one u16
+        exif.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+        jpeg.splice(2..2, exif);
+        jpeg
+    }
+
+    #[test]
+    fn photographs_that_are_stored_turned_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let views = [view(0, ""), view(1, ""), view(2, "")];
+        let put = |id: u32, orientation| {
+            let path = folder.path().join(format!("{id:08}.jpg"));
+            files::write_atomically(&path, |out| out.write_all(&turned(orientation))).unwrap();
+        };
+        for id in 0..3 {
+            put(id, 1);
+        }
+        let photos = PhotoFolder::open(folder.path(), &views).unwrap();
+        assert_eq!(photos.warning(), None);
+        for orientation in 2..=8 {
+            put(1, orientation);
+            assert_eq!(photos.orientation(&views[1]), Some(orientation));
+        }
+        put(2, 3);
+        let said = photos.warning().unwrap().message;
+        assert!(said.starts_with("2 photographs"), "{said}");
+        assert!(said.contains("00000001.jpg (orientation 8)"), "{said}");
+        assert_eq!(photos.orientation(&views[0]), None);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_cannot_be_looked_at_is_not_called_missing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("00000000.jpg");
+        std::os::unix::fs::symlink(&path, &path).unwrap(); // to itself
+        let error = PhotoFolder::open(folder.path(), &[view(0, "")]).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains("cannot look at") && !error.contains("found none"),
             "{error}"
         );
     }

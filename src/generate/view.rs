@@ -93,7 +93,14 @@ impl ViewWork<'_> {
         };
         let rendering = self.renderer.render(fitted, &render)?;
         let photograph = self.source.photographs.photograph(given, &rendering)?;
-        let named = |error| Error::invalid(format!("view {}", given.id), format!("{error}"));
+        let turned = || match self.source.photographs.orientation(given) {
+            Some(turn) => format!(" (its file has EXIF orientation {turn}; pixels are as stored)"),
+            None => String::new(),
+        };
+        let named = |error| {
+            let (view, turned) = (format!("view {}", given.id), turned());
+            Error::invalid(view, format!("{error}{turned}"))
+        };
         let fit = Fit::undistorting(&given.camera, self.options.size)?;
         let (photograph, beyond) = fit.image(photograph).map_err(named)?;
         let mask = rendering.depth.valid_mask();

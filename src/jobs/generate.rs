@@ -94,6 +94,9 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let roots = roots_of(job)?;
     let scene = read_cameras(job, context)?;
     let photographs = PhotoFolder::open(&job.photos, scene.views())?;
+    if let Some(warning) = photographs.warning() {
+        context.warnings.add(&warning.code, warning.message);
+    }
     let sources = chosen_sources(job, scene.views())?;
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
     let inputs = inputs_of(job, &loaded, &photographs)?;

@@ -66,6 +66,15 @@ pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     reader.into_dimensions().map_err(undecodable)
 }
 
+/// The EXIF orientation that a JPEG or PNG states, 1 to 8; 1, upright as stored, where it states none.
+/// The head of a file is enough.
+pub fn read_orientation(bytes: &[u8]) -> Result<u8, FormatError> {
+    let reader = ImageReader::with_format(Cursor::new(bytes), format_of(bytes)?);
+    let mut decoder = reader.into_decoder().map_err(undecodable)?;
+    let orientation = decoder.orientation().map_err(undecodable)?;
+    Ok(orientation.to_exif())
+}
+
 /// Decodes after checking that the stated size is possible for so few bytes.
 fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
     DynamicImage::from_decoder(decoder(bytes, pixels(bytes)?)?).map_err(undecodable)
