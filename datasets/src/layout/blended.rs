@@ -229,7 +229,8 @@ pub fn listed_in(root: &Path) -> Result<BTreeSet<String>> {
     for path in LISTS.map(|name| root.join(name)) {
         if path.is_file() {
             let text = files::read_text(&path)?;
-            let names = text.lines().map(str::trim).filter(|name| !name.is_empty());
+            let names = text.lines().map(str::trim);
+            let names = names.filter(|name| !name.is_empty() && !name.starts_with('#'));
             listed.extend(names.map(str::to_owned));
         }
     }
@@ -241,16 +242,17 @@ pub const UNFINISHED: &str = "run.partial.toml";
 
 /// Writes the list files for the scenes of `root`, by way of the folder of one of them: the scene
 /// `id` is for validation if `held_out`, else for training, and the others are for what the lists
-/// say they are. Others that are unfinished are left out.
+/// say they are. Others that are unfinished are left out. Lines that name no scene of `root` (an official
+/// list of a data set that is here in part, comments) are kept, all in their order.
 pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
+    let unfinished = |scene: &str| scene != id && root.join(scene).join(UNFINISHED).exists();
     let mut all = scenes_in(root)?;
-    all.retain(|scene| scene == id || !root.join(scene).join(UNFINISHED).exists());
-    let old = root.join("validation_list.txt");
-    let old = if old.is_file() {
-        files::read_text(&old)?
-    } else {
-        String::new()
+    all.retain(|scene| !unfinished(scene));
+    let read = |name: &str| match root.join(name) {
+        path if path.is_file() => files::read_text(&path),
+        _ => Ok(String::new()),
     };
+    let old = read("validation_list.txt")?;
     let validates = |scene: &String| match scene == id {
         true => held_out,
         false => old.lines().any(|line| line.trim() == scene),
@@ -258,11 +260,40 @@ pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
     let (validation, training): (Vec<_>, Vec<_>) = all.iter().cloned().partition(validates);
     let of_lists = [&all, &training, &training, &training, &validation, &all];
     for (name, ids) in LISTS.into_iter().zip(of_lists) {
+        let ours = |scene: &str| all.iter().any(|here| here == scene) || unfinished(scene);
+        let lines = merged(&read(name)?, ids, ours);
         files::write_by_way_of(&root.join(id), &root.join(name), |out| {
-            ids.iter().try_for_each(|id| writeln!(out, "{id}"))
+            lines.iter().try_for_each(|line| writeln!(out, "{line}"))
         })?;
     }
     Ok(())
+}
+
+/// The lines of `old` without those that `ours` owns and `ids` does not have, each of `ids` once: those
+/// that are new stand among ids in order, at the end of ids in another order.
+fn merged(old: &str, ids: &[String], ours: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut seen = BTreeSet::new();
+    let keeps = |line: &&str| {
+        let name = line.trim();
+        let listed = ids.iter().any(|id| id == name);
+        name.is_empty() || (!listed && !ours(name)) || (listed && seen.insert(name.to_owned()))
+    };
+    let mut lines: Vec<String> = old.lines().filter(keeps).map(str::to_owned).collect();
+    let is_id = |line: &&String| is_scene_id(line.trim()) || ids.iter().any(|id| id == line.trim());
+    let in_order = lines
+        .iter()
+        .filter(is_id)
+        .map(|line| line.trim())
+        .is_sorted();
+    for id in ids {
+        if lines.iter().any(|line| line.trim() == id) {
+            continue;
+        }
+        let after = |line: &String| in_order && is_id(&line) && line.trim() > id.as_str();
+        let place = lines.iter().position(after).unwrap_or(lines.len());
+        lines.insert(place, id.clone());
+    }
+    lines
 }
 
 /// The names of what a folder holds, in order.
@@ -283,4 +314,72 @@ pub fn is_image(name: &str) -> bool {
     [".jpg", ".jpeg", ".png"]
         .iter()
         .any(|end| lower.ends_with(end))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCENES: [&str; 3] = [
+        "aaaaaaaaaaaaaaaaaaaaaaaa",
+        "cccccccccccccccccccccccc",
+        "eeeeeeeeeeeeeeeeeeeeeeee",
+    ];
+
+    fn put(path: &Path, text: &str) {
+        files::write_atomically(path, |out| out.write_all(text.as_bytes())).unwrap();
+    }
+
+    fn root_of(scenes: &[&str]) -> tempfile::TempDir {
+        let root = tempfile::tempdir().unwrap();
+        for scene in scenes {
+            put(&BlendedFolder::new(root.path().join(scene)).pairs(), "0\n");
+        }
+        root
+    }
+
+    #[test]
+    fn lists_are_the_scenes_in_order_whichever_was_made_first() {
+        let [a, c, e] = SCENES;
+        let root = root_of(&[c]);
+        let list = |name: &str| std::fs::read_to_string(root.path().join(name)).unwrap();
+        write_lists(root.path(), c, false).unwrap();
+        for (scene, held_out) in [(e, true), (a, false)] {
+            put(&BlendedFolder::new(root.path().join(scene)).pairs(), "0\n");
+            write_lists(root.path(), scene, held_out).unwrap();
+        }
+        assert_eq!(list("all_list.txt"), format!("{a}\n{c}\n{e}\n"));
+        assert_eq!(list("BlendedMVS_training.txt"), format!("{a}\n{c}\n"));
+        assert_eq!(list("validation_list.txt"), format!("{e}\n"));
+        // From one list to the other; the unfinished in none.
+        write_lists(root.path(), e, false).unwrap();
+        assert_eq!(list("validation_list.txt"), "");
+        put(&root.path().join(c).join(UNFINISHED), "");
+        write_lists(root.path(), a, true).unwrap();
+        assert_eq!(list("training_list.txt"), format!("{e}\n"));
+        assert_eq!(list("all_list.txt"), format!("{a}\n{e}\n"));
+    }
+
+    #[test]
+    fn lines_that_are_not_ours_are_kept() {
+        let [a, c, e] = SCENES;
+        let root = root_of(&[c, e]);
+        let foreign = ["ffffffffffffffffffffffff", "bbbbbbbbbbbbbbbbbbbbbbbb"];
+        let own = format!("# mine\n{}\n\n{c}\n{}\n{c}\n", foreign[0], foreign[1]);
+        let path = root.path().join("BlendedMVS_training.txt");
+        put(&path, &own);
+        let expected = format!("# mine\n{}\n\n{c}\n{}\n{e}\n", foreign[0], foreign[1]);
+        for _ in 0..2 {
+            write_lists(root.path(), e, false).unwrap();
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
+        }
+        // Foreign ids in order stay in order.
+        let path = root.path().join("validation_list.txt");
+        put(&path, &format!("{a}\n{}\n", foreign[0]));
+        write_lists(root.path(), e, true).unwrap();
+        let found = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(found, format!("{a}\n{e}\n{}\n", foreign[0]));
+        let listed = listed_in(root.path()).unwrap();
+        assert_eq!(listed.len(), 5, "{listed:?}");
+    }
 }
