@@ -7,8 +7,9 @@ use std::path::PathBuf;
 
 /// Say what a file or folder is, as this program understands it
 ///
-/// Takes a cloud or mesh (.ply, .obj), a depth map (.pfm), an image, a trajectory (.log), a crop
-/// volume (.json), or a folder of cams, of meshes or of a Tanks and Temples scene.
+/// Takes a cloud or mesh (.ply, .obj, .glb, .gltf), a depth map (.pfm), an image, a trajectory (.log), a
+/// crop volume or cameras (.json), or a folder of cams, with a COLMAP model or transforms.json, of
+/// meshes or of a Tanks and Temples scene.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct InspectArgs {
     /// The file or folder

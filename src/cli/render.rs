@@ -69,8 +69,9 @@ pub(crate) struct MeshFlags {
 /// What camera files may leave open.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct CameraFlags {
-    /// The image size that the intrinsics are for, where the files have none; by default --size if
-    /// that goes with the principal point, else twice the principal point
+    /// The image size that the intrinsics are for, where the files have none; by default, where the
+    /// files have a principal point, the size of the images asked for or given if that goes with it,
+    /// else twice the principal point
     #[arg(long = "camera-size", value_name = "WxH")]
     #[serde(rename = "size")]
     camera_size: Option<Size>,
@@ -78,7 +79,7 @@ pub(crate) struct CameraFlags {
     #[arg(long, value_name = "PX")]
     focal: Option<f64>,
     /// Principal point in pixels, where the files have none; by default the image's centre
-    #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 2)]
+    #[arg(long, value_names = ["X", "Y"], value_delimiter = ',', num_args = 2)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     center: Vec<f64>,
 }

@@ -18,7 +18,8 @@ const COLMAP_PLACES: [&str; 5] = ["", "sparse/0", "sparse", "colmap", "colmap/sp
 /// What the files may leave open.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CamerasOptions {
-    /// Where the files put the centre of the top-left pixel.
+    /// Where the files put the centre of the top-left pixel. COLMAP models define it, so that
+    /// [`PixelCentre::Integer`] is refused for them.
     pub pixel_centre: PixelCentre,
     /// Image size (width, height) where the files have none.
     pub size: Option<(u32, u32)>,
@@ -189,7 +190,16 @@ fn read_colmap(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
 }
 
 /// Reads the model in `folder`; no points where there is no such file.
+///
+/// # Errors
+/// Files that cannot be read, and options that would shift cameras whose convention is known.
 pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Model> {
+    if options.pixel_centre == PixelCentre::Integer {
+        let problem = "expected pixel centres as COLMAP's models have them, found integer ones asked \
+             for: COLMAP defines pixel centres at (0.5, 0.5), and all views would shift by half a \
+             pixel; leave --pixel-center out";
+        return Err(Error::layout(folder, problem));
+    }
     let binary = colmap_ending(folder) == Some("bin");
     let [cameras_path, images_path, points_path] = model_files(folder);
     let cameras = match binary {
@@ -206,37 +216,24 @@ pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Mode
         (true, false) => files::read_text_with(&points_path, colmap::read_points_text)?,
     };
     Ok(Model {
-        cameras: cameras_by_id(&cameras, options).map_err(Error::in_file(&cameras_path))?,
+        cameras: cameras_by_id(&cameras).map_err(Error::in_file(&cameras_path))?,
         images,
         points,
         images_path,
     })
 }
 
-fn cameras_by_id(
-    cameras: &[ColmapCamera],
-    options: &CamerasOptions,
-) -> Result<BTreeMap<u32, Camera>, FormatError> {
+fn cameras_by_id(cameras: &[ColmapCamera]) -> Result<BTreeMap<u32, Camera>, FormatError> {
     let mut by_id = BTreeMap::new();
     for camera in cameras {
         let place = || format!("camera {}", camera.id);
-        let read = camera
-            .to_camera()
-            .and_then(|camera| shifted(&camera, options.pixel_centre))
-            .map_err(FormatError::at(place()))?;
+        let read = camera.to_camera().map_err(FormatError::at(place()))?;
         if by_id.insert(camera.id, read).is_some() {
             let problem = "expected distinct camera ids, found this one twice";
             return Err(FormatError::new(place(), problem));
         }
     }
     Ok(by_id)
-}
-
-/// A camera of the files' convention in this crate's.
-fn shifted(camera: &Camera, pixel_centre: PixelCentre) -> Result<Camera> {
-    let center = camera.center() + pixel_centre.offset();
-    Camera::new(camera.width(), camera.height(), camera.focal(), center)?
-        .with_distortion(camera.distortion())
 }
 
 fn colmap_views(
@@ -249,6 +246,14 @@ fn colmap_views(
             "images",
             "expected at least one image, found none",
         ));
+    }
+    let mut by_name: BTreeMap<&str, u32> = BTreeMap::new();
+    for image in images {
+        if let Some(other) = by_name.insert(&image.name, image.id) {
+            let place = format!("images {other} and {}", image.id);
+            let problem = format!("expected distinct names, found {} for both", image.name);
+            return Err(FormatError::new(place, problem));
+        }
     }
     let names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
     let ids = number_names(&names);
@@ -357,8 +362,14 @@ fn inverted(world_from_cam: DMat4) -> Result<Pose> {
 fn read_log(path: &Path, options: &CamerasOptions) -> Result<(Scene, Vec<String>)> {
     let poses = tnt::read_trajectory(path)?;
     let (Some(size), Some(focal)) = (options.size, options.focal) else {
-        let problem = "expected an image size and focal lengths beside a .log, which has none, \
-             found no such options: give both";
+        let missing = match (options.size, options.focal) {
+            (None, None) => "no --camera-size and no --focal: give both",
+            (None, Some(_)) => "no --camera-size: give it",
+            _ => "no --focal: give it",
+        };
+        let problem = format!(
+            "expected an image size and focal lengths beside a .log, which has none, found {missing}"
+        );
         return Err(Error::layout(path, problem));
     };
     let camera = camera_of(size, focal, options.center, options.pixel_centre)?;

@@ -181,6 +181,15 @@ fn broken_text_is_said_with_its_line() {
             "1 1 0 0 0 0 0 0 1 a.jpg\n1 2",
             "line 2: expected POINT3D_ID of a feature",
         ),
+        (
+            "1 1 0 0 0 0 0 0 1 a.jpg\n\n2 1 0 0 0 0 0 0 1 b.jpg",
+            "line 4: expected a second line with what image 2 (b.jpg) saw",
+        ),
+        (
+            "# Image list\n# Number of images: 2, mean observations per image: 1\n\
+             1 1 0 0 0 0 0 0 1 a.jpg\n1 2 3\n",
+            "images: expected 2 images, as its head says, found 1",
+        ),
     ] {
         let error = read_images_text(text).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");

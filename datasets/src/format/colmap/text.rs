@@ -95,7 +95,8 @@ fn read_camera(mut fields: Fields<'_>) -> Result<ColmapCamera, FormatError> {
     })
 }
 
-/// Reads `images.txt`: two lines per image, the second of which may be empty.
+/// Reads `images.txt`: two lines per image, the second of which may be empty but must be there. A file
+/// whose head says another number of images than it holds is refused: it was cut.
 pub fn read_images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
@@ -104,12 +105,36 @@ pub fn read_images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
             continue;
         }
         let mut image = read_image(Fields::new(index, line))?;
-        if let Some((index, line)) = lines.next() {
-            image.points = read_observations(Fields::new(index, line))?;
-        }
+        let Some((index, line)) = lines.next() else {
+            let problem = format!(
+                "expected a second line with what image {} ({}) saw, empty where it saw nothing, found \
+                 the file's end: it was cut, or its last empty line was taken off",
+                image.id,
+                shown(&image.name)
+            );
+            return Err(FormatError::new(format!("line {}", index + 2), problem));
+        };
+        image.points = read_observations(Fields::new(index, line))?;
         images.push(image);
     }
-    Ok(images)
+    match stated_images(text) {
+        Some(stated) if stated != images.len() => {
+            let found = images.len();
+            let problem = format!(
+                "expected {stated} images, as its head says, found {found}: it was cut, or edited \
+                 without its head"
+            );
+            Err(FormatError::new("images", problem))
+        }
+        _ => Ok(images),
+    }
+}
+
+/// What COLMAP writes in the head: `# Number of images: 32, mean observations per image: 410`.
+fn stated_images(text: &str) -> Option<usize> {
+    let head = text.lines().take_while(|line| line.starts_with('#'));
+    let mut counts = head.filter_map(|line| line.strip_prefix("# Number of images:"));
+    counts.next()?.split(',').next()?.trim().parse().ok()
 }
 
 fn read_image(mut fields: Fields<'_>) -> Result<ColmapImage, FormatError> {

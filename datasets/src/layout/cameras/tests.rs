@@ -16,7 +16,7 @@ fn sentence(path: &Path, options: &CamerasOptions) -> String {
 
 const CAMERAS: &str = "3 OPENCV 640 480 500 510 321 239 -0.1 0.02 0.001 -0.002\n";
 const IMAGES: &str =
-    "7 0.9238795325112867 0 0.3826834323650898 0 1 2 3 3 b.jpg\n\n2 1 0 0 0 0 0 4 3 a.jpg\n";
+    "7 0.9238795325112867 0 0.3826834323650898 0 1 2 3 3 b.jpg\n\n2 1 0 0 0 0 0 4 3 a.jpg\n\n";
 
 #[test]
 fn every_description_of_the_same_cameras_gives_the_same_scene() {
@@ -136,6 +136,36 @@ fn the_real_scene_is_the_same_in_three_descriptions() {
 }
 
 #[test]
+fn two_images_of_one_name_are_named() {
+    let root = tempfile::tempdir().unwrap();
+    put(&root.path().join("cameras.txt"), CAMERAS);
+    let twice = IMAGES.replace("b.jpg", "a.jpg");
+    put(&root.path().join("images.txt"), &twice);
+    let said = sentence(root.path(), &CamerasOptions::default());
+    let expected = "images 7 and 2: expected distinct names, found a.jpg for both";
+    assert!(said.contains(expected), "{said}");
+}
+
+#[test]
+fn integer_centres_are_refused_where_the_files_define_theirs() {
+    let root = tempfile::tempdir().unwrap();
+    put(&root.path().join("cameras.txt"), CAMERAS);
+    put(&root.path().join("images.txt"), IMAGES);
+    let integer = CamerasOptions {
+        pixel_centre: PixelCentre::Integer,
+        ..CamerasOptions::default()
+    };
+    let said = sentence(root.path(), &integer);
+    assert!(
+        said.contains("COLMAP defines pixel centres at (0.5, 0.5)"),
+        "{said}"
+    );
+    let said = super::super::sparse::read_sparse(root.path(), &integer);
+    let said = said.unwrap_err().to_string();
+    assert!(said.contains("leave --pixel-center out"), "{said}");
+}
+
+#[test]
 fn names_that_are_numbers_are_ids() {
     assert_eq!(number_names(&["x/00000012.jpg", "3.png"]), [12, 3]);
     assert_eq!(number_names(&["b/1.jpg", "a/1.jpg"]), [1, 0]);
@@ -186,9 +216,14 @@ fn logs_need_intrinsics_and_leave_out_the_unregistered() {
         "{said}"
     );
     let given = CamerasOptions {
-        size: Some((8, 6)),
         focal: Some(DVec2::splat(9.0)),
         ..CamerasOptions::default()
+    };
+    let said = sentence(&path, &given);
+    assert!(said.contains("found no --camera-size: give it"), "{said}");
+    let given = CamerasOptions {
+        size: Some((8, 6)),
+        ..given
     };
     let read = read_scene(&path, &given).unwrap();
     assert_eq!((read.scene.views().len(), read.scene.views()[0].id), (1, 1));
