@@ -3,7 +3,7 @@
 use super::carry::{SAME_SURFACE, agrees, carry, grid};
 use super::reading::Reading;
 use super::{Finding, VerifyOptions, median};
-use super::{listed, single};
+use super::{images, listed, single};
 use crate::error::Result;
 use crate::parallel;
 use crate::progress::Progress;
@@ -39,6 +39,8 @@ pub struct PairCheck {
     pub worst_difference: f64,
     /// Median difference of colour where depths agree, in grey levels.
     pub color_difference: f64,
+    /// Correlation of brightness where depths agree; none where too few do or an image hardly varies.
+    pub color_correlation: Option<f64>,
 }
 
 /// The outcome of all of these checks.
@@ -71,18 +73,14 @@ pub(super) fn check(
     if convention.is_none() {
         // Where all views are misread, each by itself is too.
         let overall = median_difference.unwrap_or(0.0);
-        findings.extend(single::check(
-            (folder, scene),
-            (&pairs, &points),
-            overall,
-            options,
-        ));
+        let of_views = single::check((folder, scene), (&pairs, &points), overall, options);
+        findings.extend(images::check(scene, &pairs, &of_views));
+        findings.extend(of_views);
         findings.extend(overall_finding(overall));
     }
     findings.extend(convention);
     findings.extend(listed::judge(scene, &judged));
     findings.extend(pairs.iter().filter_map(pair_finding));
-    findings.extend(colors(&judged, scene, options));
     Ok(Checked {
         median_difference,
         median_color_difference: median(agreeing().map(|pair| pair.color_difference).collect()),
@@ -181,7 +179,8 @@ fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairC
             .copied()
             .unwrap_or(0.0)
     };
-    let pixels = same.iter().map(|(from, _, carried)| (*from, carried.pixel));
+    let pixels = || same.iter().map(|(from, _, carried)| (*from, carried.pixel));
+    let images = reference.image.as_ref().zip(source.image.as_ref());
     PairCheck {
         reference: reference.view.id,
         source: source.view.id,
@@ -189,19 +188,18 @@ fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairC
         agree: same.len(),
         median_difference: at(0.5),
         worst_difference: at(0.999),
-        color_difference: median(color_differences(reference, source, pixels)).unwrap_or(0.0),
+        color_difference: images
+            .and_then(|images| median(color_differences(images, pixels())))
+            .unwrap_or(0.0),
+        color_correlation: images.and_then(|images| images::correlation(images, pixels())),
     }
 }
 
 /// Mean absolute colour difference between pixels of two images.
 fn color_differences(
-    reference: &Seen,
-    source: &Seen,
+    (first, second): (&ColorImage, &ColorImage),
     pixels: impl Iterator<Item = (DVec2, DVec2)>,
 ) -> Vec<f64> {
-    let (Some(first), Some(second)) = (&reference.image, &source.image) else {
-        return Vec::new();
-    };
     let difference = |(from, to): (DVec2, DVec2)| {
         let a = first.get(from.x as u32, from.y as u32);
         let b = second.get(to.x as u32, to.y as u32);
@@ -294,48 +292,4 @@ fn judge_readings(
 
 fn judged_enough(scene: &Scene) -> bool {
     scene.views().len() >= 2
-}
-
-/// Whether images show what the depths say: colours at the same point against colours elsewhere.
-fn colors(
-    judged: &BTreeMap<usize, Seen>,
-    scene: &Scene,
-    options: &VerifyOptions,
-) -> Option<Finding> {
-    let (mut same, mut elsewhere) = (Vec::new(), Vec::new());
-    for (&index, reference) in judged {
-        let points = grid(&reference.depth, options.points / 4);
-        for source in scene.sources_of(index) {
-            let Some(source) = scene
-                .index_of(source.id)
-                .and_then(|other| judged.get(&other))
-            else {
-                continue;
-            };
-            let carried = carry(
-                (&reference.view, &points),
-                (&source.view, &source.depth),
-                AS_IS,
-            );
-            let pixels: Vec<(DVec2, DVec2)> = carried
-                .iter()
-                .filter(|(_, _, carried)| agrees(carried))
-                .map(|(from, _, carried)| (*from, carried.pixel))
-                .collect();
-            let count = pixels.len();
-            let apart = (0..count).map(|i| (pixels[i].0, pixels[(i + count / 2) % count].1));
-            elsewhere.extend(color_differences(reference, source, apart));
-            same.extend(color_differences(reference, source, pixels.iter().copied()));
-        }
-    }
-    let count = same.len();
-    let (same, elsewhere) = (median(same)?, median(elsewhere)?);
-    (count >= 5 * FEW && same > 0.7 * elsewhere && elsewhere > 4.0).then(|| {
-        let message = format!(
-            "expected images that show the same colour at the same point, found a median difference \
-             of {same:.1} grey levels there and {elsewhere:.1} between points that have nothing to do \
-             with each other"
-        );
-        Finding::fault("images-do-not-match", "all views", message)
-    })
 }

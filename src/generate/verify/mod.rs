@@ -3,6 +3,7 @@
 
 mod carry;
 mod geometry;
+mod images;
 mod listed;
 mod pictures;
 mod reading;

@@ -195,7 +195,7 @@ const CONVENTIONS: [Mutation; 9] = [
 ];
 
 /// Depths and images of single views, and pairs.
-const CONTENT: [Mutation; 17] = [
+const CONTENT: [Mutation; 21] = [
     ("not a number", |s| raw_depth(s, f32::NAN), "bad-depths"),
     ("negative", |s| raw_depth(s, -1.0), "bad-depths"),
     (
@@ -227,6 +227,34 @@ const CONTENT: [Mutation; 17] = [
     ),
     ("black for the masked image", black_mask, "wrong-mask"),
     ("images of other views", other_images, "images-do-not-match"),
+    (
+        "images of the next view",
+        |s| move_images(s, 1),
+        "images-do-not-match",
+    ),
+    (
+        "images upside down",
+        |s| edit_images(s, 0..14, |pixels| pixels.reverse()),
+        "images-do-not-match",
+    ),
+    (
+        "one view's image in the place of another's",
+        |s| {
+            for of in [BlendedFolder::image, BlendedFolder::masked_image] {
+                let image = |id: u32| of(&s.blended(), id);
+                std::fs::copy(image(9), image(4)).map(drop).unwrap();
+            }
+        },
+        "image-does-not-match",
+    ),
+    (
+        "the masked image of another image",
+        |s| {
+            let image = |id: u32| s.blended().image(id);
+            std::fs::copy(image(9), image(4)).map(drop).unwrap();
+        },
+        "masked-differs",
+    ),
     ("lists of other views", shuffled, "shuffled-pairs"),
     (
         "a pair that shares nothing",
@@ -311,6 +339,46 @@ fn a_single_view_s_fault_is_its_own() {
     }
 }
 
+/// The view whose image is another's is named, and no other one.
+#[test]
+fn a_single_view_s_image_is_its_own_fault() {
+    let both = ["image-does-not-match", "masked-differs"];
+    for (what, spoil, code) in CONTENT.iter().filter(|m| both.contains(&m.2)) {
+        let spoilt = Spoilt::new();
+        spoil(&spoilt);
+        let found = spoilt.verify().findings;
+        let faults = found.iter().filter(|f| f.severity == Severity::Fault);
+        assert!(faults.clone().any(|f| f.code == *code), "{what}: {found:?}");
+        for fault in faults {
+            assert!(fault.place.contains('4'), "{what}: {fault:?}");
+        }
+    }
+}
+
+/// Light that differs by image is no fault.
+#[test]
+fn images_that_are_brighter_or_darker_match() {
+    let spoilt = Spoilt::new();
+    let darker: fn(&mut [[u8; 3]]) = |pixels| {
+        for value in pixels.as_flattened_mut() {
+            *value /= 2;
+        }
+    };
+    let bent: fn(&mut [[u8; 3]]) = |pixels| {
+        for value in pixels.as_flattened_mut() {
+            *value = (255.0 * (f64::from(*value) / 255.0).powf(1.6)) as u8;
+        }
+    };
+    edit_images(&spoilt, 0..4, darker);
+    edit_images(&spoilt, 4..8, bent);
+    let found = spoilt.verify().findings;
+    assert!(found.iter().all(|f| !f.code.contains("match")), "{found:?}");
+    assert!(
+        found.iter().all(|f| f.severity == Severity::Advice),
+        "{found:?}"
+    );
+}
+
 /// Cameras so close together that any of them will do are no reason to call a list shuffled.
 #[test]
 fn any_list_does_for_a_compact_array_of_cameras() {
@@ -340,6 +408,7 @@ fn any_list_does_for_a_compact_array_of_cameras() {
 fn every_code_has_its_mutation() {
     let sources = [
         include_str!("../geometry.rs"),
+        include_str!("../images.rs"),
         include_str!("../listed.rs"),
         include_str!("../mod.rs"),
         include_str!("../pictures.rs"),
@@ -502,12 +571,30 @@ fn black_mask(spoilt: &Spoilt) {
 
 /// Images five views on.
 fn other_images(spoilt: &Spoilt) {
+    move_images(spoilt, 5);
+}
+
+fn move_images(spoilt: &Spoilt, by: usize) {
     let image = |id: u32| spoilt.blended().image(id);
     let all: Vec<Vec<u8>> = (0..14)
         .map(|id| std::fs::read(image(id)).unwrap())
         .collect();
     for id in 0..14 {
-        write(&image(id), &all[(id as usize + 5) % 14]);
+        write(&image(id), &all[(id as usize + by) % 14]);
+    }
+}
+
+/// Edits the pixels of the images and the masked images of these views.
+fn edit_images(spoilt: &Spoilt, ids: std::ops::Range<u32>, edit: fn(&mut [[u8; 3]])) {
+    for id in ids {
+        for path in [
+            spoilt.blended().image(id),
+            spoilt.blended().masked_image(id),
+        ] {
+            let mut image = files::read_image(&path).unwrap();
+            edit(image.values_mut());
+            BlendedFolder::write_jpeg(&path, &image, JpegOptions::default()).unwrap();
+        }
     }
 }
 
