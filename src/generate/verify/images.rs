@@ -1,22 +1,24 @@
 //! Whether images show what depths and cameras say: brightness at the same points of the surface.
 //!
 //! Judged by correlation, which light that brightens or dims whole images does not move. Medians over
-//! pairs: .86 to .95 on sound scenes, real and synthetic, also with each image's brightness scaled by
-//! .5 to 1.5 or bent by a gamma of .6 to 1.7; .62 and less with the images of other views (of the next
-//! view, too), turned or mirrored ones. Of one view by itself: .84 and more where it is sound, .34 and
-//! less with another's image.
+//! pairs: .86 to .95 on three real and synthetic scenes, .7 on one of 128x96 pixels whose texture is as
+//! fine as its pixels; .40 with images moved by eight views and .22 with images turned upside down on a
+//! real scene. A smooth scene whose views are much alike can reach .62 with the images of other views:
+//! those are not found. Of one view by itself: .84 and more where it is sound, .34 and less with another's
+//! image, on the real scene.
 
 use super::geometry::{FEW, PairCheck};
 use super::{Finding, median};
 use glam::DVec2;
 use mvs_datasets::scene::{ColorImage, Scene};
 
-/// Images correlate at least so where they show the same: half of what varies in one is in the other.
-const SAME: f64 = 0.7;
-/// A view by itself is at fault below this, in a scene whose views correlate.
-const OTHER: f64 = 0.5;
+/// Images correlate at least so where they show the same: between the finest texture that is right and the
+/// likest images that are wrong, nearer to these, as what is right must not be called a fault.
+const SAME: f64 = 0.5;
+/// A view by itself is at fault below this part of the scene's correlation.
+const OTHER: f64 = 0.6;
 /// In grey levels: images that vary less say nothing. Noise of 5 levels, more than JPEG and resampling
-/// have, leaves a correlation of [`SAME`] in those that vary by 9.
+/// have, leaves a correlation of .76 in those that vary by 9.
 const CONTRAST: f64 = 10.0;
 
 /// The correlation of brightness at these (reference, source) pixels; `None` for few of them, and
@@ -54,7 +56,7 @@ pub(super) fn check(scene: &Scene, pairs: &[PairCheck], known: &[Finding]) -> Ve
     if overall < SAME {
         let message = format!(
             "expected images that show the same at the same points of the surface, found a correlation \
-             of {overall:.2} (median over pairs; sound scenes have .8 and more): they are those of other \
+             of {overall:.2} (median over pairs; sound scenes have .7 and more): they are those of other \
              views, turned or mirrored, or of other cameras"
         );
         return vec![Finding::fault("images-do-not-match", "all views", message)];
@@ -65,7 +67,7 @@ pub(super) fn check(scene: &Scene, pairs: &[PairCheck], known: &[Finding]) -> Ve
             .iter()
             .filter(|pair| pair.reference == id || pair.source == id)
             .filter_map(|pair| pair.color_correlation);
-        let found = median(own.collect()).filter(|&found| found < OTHER)?;
+        let found = median(own.collect()).filter(|&found| found < OTHER * overall)?;
         let message = format!(
             "expected an image that shows what its source views show, found a correlation of \
              {found:.2} at the same points of the surface, {overall:.2} in the scene (medians over \
