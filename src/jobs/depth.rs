@@ -178,7 +178,7 @@ fn one_view(
         let message = format!("view {}: no true depth lies in its range", view.id);
         context.warnings.add("nothing-counted", message);
     }
-    write_picture(out, view, &picture(&truth, &planes, &errors)?)?;
+    write_picture(out, view, || picture(&truth, &planes, &errors))?;
     Ok(row)
 }
 
@@ -192,16 +192,22 @@ fn missing_view(
     let planes = planes_of(job, folder, view)?;
     let truth = folder.read_depth(view.id)?.0;
     let (row, errors) = score_missing(view.id, truth.values(), &planes)?;
-    write_picture(out, view, &picture(truth.raster(), &planes, &errors)?)?;
+    write_picture(out, view, || picture(truth.raster(), &planes, &errors))?;
     Ok(row)
 }
 
-fn write_picture(out: Option<&OutDir>, view: &View, picture: &ColorImage) -> Result<()> {
+/// Makes and writes the picture of a view's errors, where there is a folder for it.
+fn write_picture(
+    out: Option<&OutDir>,
+    view: &View,
+    picture: impl FnOnce() -> Result<ColorImage>,
+) -> Result<()> {
     let Some(out) = out else {
         return Ok(());
     };
+    let picture = picture()?;
     let name = Path::new("errors").join(mvsnet::file_name(view.id, ".png"));
-    out.write(name, |file| image::write_png(file, picture))
+    out.write(name, |file| image::write_png(file, &picture))
 }
 
 /// The view's sweep, from the range in its `cam.txt`.
