@@ -3,7 +3,7 @@
 
 use super::Estimate;
 use crate::error::{Error, Result};
-use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View, Window};
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -54,6 +54,19 @@ pub trait DepthMaps: Sync {
     }
     /// The photograph, of any size.
     fn image(&self, index: usize) -> Result<Option<ColorImage>>;
+    /// The width and height of [`DepthMaps::image`], and of it what lies in the window that `wanted` answers
+    /// to them.
+    fn image_part(
+        &self,
+        index: usize,
+        wanted: &dyn Fn((u32, u32)) -> Window,
+    ) -> Result<Option<((u32, u32), ColorImage)>> {
+        let part = |image: ColorImage| {
+            let size = image.size();
+            Ok((size, image.cut(&wanted(size))?))
+        };
+        self.image(index)?.map(part).transpose()
+    }
     /// Whether every view has an image.
     fn has_images(&self) -> bool;
     /// Whether every view has confidence.

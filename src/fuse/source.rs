@@ -4,9 +4,8 @@ use super::kernel::Pair;
 use super::options::FuseOptions;
 use super::rules::disparity_scale;
 use super::samples::Samples;
-use crate::error::Result;
 use glam::DVec3;
-use mvs_datasets::scene::{ColorImage, View};
+use mvs_datasets::scene::{ColorImage, View, Window};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -54,30 +53,24 @@ pub(super) struct Photo {
 const MARGIN: u32 = 2;
 
 impl Photo {
-    /// Of one with the size of its view's depth map what lies around depths, else all.
-    pub(super) fn new(image: ColorImage, samples: &Samples) -> Result<Self> {
-        let size = image.size();
+    /// Which part points can ask for: of one with the size of its view's depth map what lies around depths,
+    /// else all.
+    pub(super) fn window(size: (u32, u32), samples: &Samples) -> Window {
         let same = (size.0 as usize, size.1 as usize) == (samples.width(), samples.height());
-        let (columns, rows) = match samples.filled() {
-            Some((columns, rows)) if same => (around(columns, size.0), around(rows, size.1)),
-            _ => (0..size.0, 0..size.1),
-        };
-        let corner = (columns.start, rows.start);
-        let wanted = (columns.end - columns.start, rows.end - rows.start);
-        if wanted == size {
-            return Ok(Self {
-                size,
-                corner,
-                part: image,
-            });
+        match samples.filled() {
+            Some((columns, rows)) if same => Window {
+                columns: around(columns, size.0),
+                rows: around(rows, size.1),
+            },
+            _ => Window::whole(size),
         }
-        let mut part = Vec::with_capacity(wanted.0 as usize * wanted.1 as usize);
-        for row in rows {
-            let first = row as usize * size.0 as usize + columns.start as usize;
-            part.extend_from_slice(&image.values()[first..first + wanted.0 as usize]);
-        }
-        let part = ColorImage::from_values(wanted.0, wanted.1, part)?;
-        Ok(Self { size, corner, part })
+    }
+
+    /// Of a photograph of this size the part that is its [`Photo::window`].
+    pub(super) fn new((size, part): ((u32, u32), ColorImage), samples: &Samples) -> Self {
+        let window = Self::window(size, samples);
+        let corner = (window.columns.start, window.rows.start);
+        Self { size, corner, part }
     }
 
     /// The place in the part of a pixel of the whole that lies in it.
@@ -125,7 +118,11 @@ mod tests {
             Samples::new(size, Unit::Depth, &none)
         };
         let narrow = samples((12, 10)).within(extents);
-        let photo = Photo::new(image.clone(), &narrow).unwrap();
+        let of = |samples: &Samples| {
+            let part = image.cut(&Photo::window(image.size(), samples));
+            Photo::new((image.size(), part.unwrap()), samples)
+        };
+        let photo = of(&narrow);
         assert_eq!((photo.size, photo.corner), ((12, 10), (2, 2)));
         assert_eq!(photo.part.size(), (7, 7));
         for (column, row) in [(2u32, 2u32), (8, 8), (5, 4)] {
@@ -134,7 +131,7 @@ mod tests {
         }
         let nothing = samples((12, 10)).within(vec![0..0; 10]);
         for samples in [samples((12, 10)), nothing, samples((6, 5))] {
-            let photo = Photo::new(image.clone(), &samples).unwrap();
+            let photo = of(&samples);
             assert_eq!((photo.corner, &photo.part), ((0, 0), &image));
         }
     }

@@ -3,7 +3,7 @@
 use super::jpeg;
 pub use super::jpeg::JpegOptions;
 use crate::error::FormatError;
-use crate::scene::{ColorImage, Mask, Raster};
+use crate::scene::{ColorImage, Mask, Raster, Window};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{
     ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError,
@@ -19,9 +19,32 @@ const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 /// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread, 16 bits
 /// become 8.
 pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
-    if let Some(image) = jpeg::decode(bytes, most_pixels(bytes)) {
-        return Ok(image);
+    match jpeg::decode(bytes, most_pixels(bytes), Window::whole) {
+        Some((_, image)) => Ok(image),
+        None => read_other(bytes),
     }
+}
+
+/// Of a JPEG or PNG, read as [`read_color`] does, its width and height, and the pixels in the window that
+/// `wanted` answers to them. Of plain JPEGs no other pixels are made.
+pub fn read_color_part(
+    bytes: &[u8],
+    wanted: impl Fn((u32, u32)) -> Window,
+) -> Result<((u32, u32), ColorImage), FormatError> {
+    if let Some(found) = jpeg::decode(bytes, most_pixels(bytes), &wanted) {
+        return Ok(found);
+    }
+    let image = read_color(bytes)?;
+    let (size, window) = (image.size(), wanted(image.size()));
+    if window == Window::whole(size) {
+        return Ok((size, image));
+    }
+    let part = image.cut(&window).map_err(FormatError::at("image"))?;
+    Ok((size, part))
+}
+
+/// What is no plain JPEG.
+fn read_other(bytes: &[u8]) -> Result<ColorImage, FormatError> {
     let decoder = decoder(bytes, pixels(bytes)?)?;
     let (width, height) = decoder.dimensions();
     let values = match decoder.color_type() {

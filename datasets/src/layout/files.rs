@@ -4,7 +4,7 @@ use crate::error::{Error, FormatError, Result};
 use crate::format;
 use crate::mapped::MappedFile;
 use crate::scene::{
-    ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
+    ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity, Window,
 };
 use std::io::{BufWriter, Write};
 use std::ops::Range;
@@ -97,6 +97,14 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud> {
 /// Reads a JPEG or PNG.
 pub fn read_image(path: &Path) -> Result<ColorImage> {
     read_with(path, format::image::read_color)
+}
+
+/// Of a JPEG or PNG, its width and height, and the pixels in the window that `wanted` answers to them.
+pub fn read_image_part(
+    path: &Path,
+    wanted: impl Fn((u32, u32)) -> Window,
+) -> Result<((u32, u32), ColorImage)> {
+    read_with(path, |bytes| format::image::read_color_part(bytes, wanted))
 }
 
 /// Reads a one-channel PFM as it is, e.g. confidences.

@@ -24,7 +24,7 @@ pub use cloud::PointCloud;
 pub use depth::{DepthMap, RejectedDepths};
 pub use distortion::Distortion;
 pub use mesh::{Corner, Cutout, Material, Mesh, MeshColumns};
-pub use raster::{ColorImage, Mask, NormalMap, Raster};
+pub use raster::{ColorImage, Mask, NormalMap, Raster, Window};
 pub use similarity::Similarity;
 pub use view::{DepthRange, Scene, SourceScore, View};
 pub use volume::{Axis, CropVolume};

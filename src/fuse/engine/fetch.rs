@@ -131,11 +131,12 @@ impl Engine<'_> {
     }
 
     fn photo(&self, index: usize, samples: &Samples) -> Result<(Photo, usize)> {
-        let Some(image) = self.inputs.maps.image(index)? else {
+        let wanted = |size| Photo::window(size, samples);
+        let Some((size, part)) = self.inputs.maps.image_part(index, &wanted)? else {
             let view = format!("view {}", self.inputs.maps.view(index).id);
             return Err(crate::Error::invalid(view, "expected an image, found none"));
         };
-        let photo = Photo::new(image, samples)?;
+        let photo = Photo::new((size, part), samples);
         let bytes = photo.part.values().len() * 3;
         Ok((photo, bytes))
     }

@@ -11,7 +11,9 @@ use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_datasets::layout::workspace::Workspace;
-use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View};
+use mvs_datasets::scene::{
+    ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View, Window,
+};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -223,6 +225,16 @@ impl DepthMaps for FolderMaps<'_> {
     fn image(&self, index: usize) -> Result<Option<ColorImage>> {
         let path = self.entries[index].image.as_ref();
         Ok(path.map(|path| files::read_image(path)).transpose()?)
+    }
+
+    fn image_part(
+        &self,
+        index: usize,
+        wanted: &dyn Fn((u32, u32)) -> Window,
+    ) -> Result<Option<((u32, u32), ColorImage)>> {
+        let path = self.entries[index].image.as_ref();
+        let read = |path: &PathBuf| files::read_image_part(path, wanted);
+        Ok(path.map(read).transpose()?)
     }
 
     fn has_images(&self) -> bool {

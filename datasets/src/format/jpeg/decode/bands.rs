@@ -3,8 +3,9 @@
 use super::super::color::{self, mix};
 use super::super::stripe::Stripe;
 use super::super::transform::{self, WIDTH};
-use super::Frame;
+use super::{Frame, Wanted};
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 
 /// A row of units as components.
 pub(super) struct Band {
@@ -90,23 +91,25 @@ fn put(pixels: &[[u8; WIDTH]; 8], out: &mut [[u8; WIDTH]], stripes: usize) {
 /// Puts rows of pixels together.
 pub(super) struct Rows<'f> {
     frame: &'f Frame,
-    /// Chroma of a row at full resolution.
+    wanted: &'f Wanted,
+    /// Chroma of a row at full resolution, where it is wanted.
     chroma: [Vec<u8>; 2],
     /// At half resolution, between two rows; the ends are repeated.
     between: Vec<u16>,
 }
 
 impl<'f> Rows<'f> {
-    pub(super) fn new(frame: &'f Frame) -> Self {
+    pub(super) fn new(frame: &'f Frame, wanted: &'f Wanted) -> Self {
         let width = frame.units(frame.width) * 8;
         Self {
             frame,
+            wanted,
             chroma: [(); 2].map(|()| vec![0; frame.side() * width]),
             between: vec![0; width + 2],
         }
     }
 
-    /// Puts the second of three bands, which is the `down`-th of `rows`, into the image.
+    /// Puts what is wanted of the second of three bands, which is the `down`-th of `rows`, into the image.
     pub(super) fn put(&mut self, bands: &[Band; 3], down: (usize, usize), image: &mut [[u8; 3]]) {
         Arch::new().dispatch(Put {
             rows: self,
@@ -135,14 +138,17 @@ impl WithSimd for Put<'_, '_> {
             down: (down, count),
             image,
         } = self;
-        let frame = rows.frame;
-        let (width, side) = (frame.width, 8 * frame.side());
-        let lines = image.chunks_exact_mut(width).skip(side * down).take(side);
-        for (y, out) in lines.enumerate() {
-            let luma = &bands[1].luma(y)[..width];
+        let (frame, wanted) = (rows.frame, rows.wanted);
+        let (columns, side) = (wanted.columns.clone(), 8 * frame.side());
+        let first = (side * down).max(wanted.rows.start);
+        let end = (side * (down + 1)).min(wanted.rows.end);
+        let lines = image.chunks_exact_mut(columns.len());
+        for (y, out) in (first..end).zip(lines.skip(first - wanted.rows.start)) {
+            let y = y - side * down;
+            let luma = &bands[1].luma(y)[columns.clone()];
             if !frame.half_chroma {
-                let chroma = [0, 1].map(|component| &bands[1].chroma(component, y)[..width]);
-                convert(luma, chroma, out);
+                let chroma = |component| &bands[1].chroma(component, y)[columns.clone()];
+                convert(luma, [0, 1].map(chroma), out);
                 continue;
             }
             // The next row of chroma may be another band's; the image's first and last go on.
@@ -153,27 +159,40 @@ impl WithSimd for Put<'_, '_> {
             );
             for (component, out) in rows.chroma.iter_mut().enumerate() {
                 let row = |at: usize| bands[at / 8].chroma(component, at % 8);
-                widen((row(near), row(far)), &mut rows.between, out);
+                let half = columns.start / 2..columns.end.div_ceil(2);
+                widen((row(near), row(far)), half, &mut rows.between, out);
             }
-            let chroma = rows.chroma.each_ref().map(|chroma| &chroma[..width]);
+            let chroma = rows.chroma.each_ref();
+            let chroma = chroma.map(|chroma| &chroma[columns.clone()]);
             convert(luma, chroma, out);
         }
     }
 }
 
-/// Halved chroma at full resolution: between rows first, then within them.
+/// Halved chroma at full resolution, of the places in `half`: between rows first, then within them.
 #[inline(always)]
-fn widen((near, far): (&[u8], &[u8]), between: &mut [u16], out: &mut [u8]) {
+fn widen(
+    (near, far): (&[u8], &[u8]),
+    half: Range<usize>,
+    between: &mut [u16],
+    out: &mut [u8],
+) {
     let count = between.len() - 2;
-    let rows = near.iter().zip(far);
-    for (out, (&near, &far)) in between[1..=count].iter_mut().zip(rows) {
+    let (first, end) = (half.start.saturating_sub(1), (half.end + 1).min(count));
+    let rows = near[first..end].iter().zip(&far[first..end]);
+    for (out, (&near, &far)) in between[1 + first..=end].iter_mut().zip(rows) {
         *out = mix(u16::from(near), u16::from(far));
     }
-    between[0] = between[1];
-    between[count + 1] = between[count];
-    let (left, here, right) = (&between[..count], &between[1..=count], &between[2..]);
-    let all = left.iter().zip(here).zip(right);
-    for (out, ((&left, &here), &right)) in out.as_chunks_mut::<2>().0.iter_mut().zip(all) {
+    if first == 0 {
+        between[0] = between[1];
+    }
+    if end == count {
+        between[count + 1] = between[count];
+    }
+    let from = |offset: usize| &between[half.start + offset..half.end + offset];
+    let all = from(0).iter().zip(from(1)).zip(from(2));
+    let out = &mut out.as_chunks_mut::<2>().0[half.clone()];
+    for (out, ((&left, &here), &right)) in out.iter_mut().zip(all) {
         *out = [mix(here, left) as u8, mix(here, right) as u8];
     }
 }

@@ -8,9 +8,10 @@ mod reader;
 
 use super::stripe::{Stripe, UNITS, blocks_a_side};
 use super::transform::Coefficients;
-use crate::scene::{ColorImage, Raster};
+use crate::scene::{ColorImage, Raster, Window};
 use bands::{Band, Rows};
 use reader::{Bits, Table};
+use std::ops::Range;
 
 /// What stands before the coded data.
 struct Frame {
@@ -21,6 +22,33 @@ struct Frame {
     steps: [[u8; 64]; 3],
     /// Of the same: for the first coefficient and for the others.
     tables: [[Table; 2]; 3],
+}
+
+/// What is wanted of an image, of its pixels and of what they are made of.
+struct Wanted {
+    columns: Range<usize>,
+    rows: Range<usize>,
+    /// Rows of units, and stripes of each.
+    bands: Range<usize>,
+    stripes: Range<usize>,
+}
+
+impl Wanted {
+    fn new(frame: &Frame, window: &Window) -> Self {
+        let range = |range: &Range<u32>| range.start as usize..range.end as usize;
+        let (columns, rows) = (range(&window.columns), range(&window.rows));
+        // Halved chroma is mixed with that of the neighbours.
+        let around = |pixels: &Range<usize>, side: usize| {
+            pixels.start.saturating_sub(2) / side..(pixels.end + 2).div_ceil(side)
+        };
+        let side = 8 * frame.side();
+        Self {
+            bands: around(&rows, side),
+            stripes: around(&columns, UNITS * side),
+            columns,
+            rows,
+        }
+    }
 }
 
 impl Frame {
@@ -42,8 +70,13 @@ impl Frame {
     }
 }
 
-/// The image, if it is a plain JPEG of at most `most` pixels and whole.
-pub(in crate::format) fn decode(bytes: &[u8], most: u64) -> Option<ColorImage> {
+/// Of an image, if it is a plain JPEG of at most `most` pixels and whole, its width and height, and the
+/// pixels in the window that `wanted` answers to them. Its other pixels are checked and not made.
+pub(in crate::format) fn decode(
+    bytes: &[u8],
+    most: u64,
+    wanted: impl FnOnce((u32, u32)) -> Window,
+) -> Option<((u32, u32), ColorImage)> {
     let (frame, coded) = header(bytes)?;
     let (width, height) = (frame.width, frame.height);
     if (width * height) as u64 > most {
@@ -51,29 +84,36 @@ pub(in crate::format) fn decode(bytes: &[u8], most: u64) -> Option<ColorImage> {
     }
     let coded = reader::unstuffed(coded)?;
     let mut bits = Bits::of(&coded);
-    let mut image = Raster::filled(width as u32, height as u32, [0; 3]).ok()?;
+    let size = (width as u32, height as u32);
+    let window = Some(wanted(size)).filter(|window| window.is_within(size))?;
+    let wanted = Wanted::new(&frame, &window);
+    let mut image = Raster::filled(window.size().0, window.size().1, [0; 3]).ok()?;
     let rows = frame.units(height);
     let mut before = [0; 3];
     // The row of units before, the one that is put, and the one behind.
     let mut bands = [(); 3].map(|()| Band::new(&frame));
-    let mut out = Rows::new(&frame);
+    let mut out = Rows::new(&frame, &wanted);
     let mut stripe = Stripe::new();
     for down in 0..rows {
         let [_, _, behind] = &mut bands;
+        let stripes = match wanted.bands.contains(&down) {
+            true => wanted.stripes.clone(),
+            false => 0..0,
+        };
         let room = (&mut stripe, behind);
-        read_row(&frame, &mut bits, &mut before, room)?;
+        read_row((&frame, stripes), &mut bits, &mut before, room)?;
         if down > 0 {
             out.put(&bands, (down - 1, rows), image.values_mut());
         }
         bands.rotate_left(1);
     }
     out.put(&bands, (rows - 1, rows), image.values_mut());
-    bits.is_within().then_some(image)
+    bits.is_within().then_some((size, image))
 }
 
-/// Reads a row of units, by way of a stripe, into a band.
+/// Reads a row of units, by way of a stripe, into a band, which takes the `wanted` ones.
 fn read_row(
-    frame: &Frame,
+    (frame, wanted): (&Frame, Range<usize>),
     bits: &mut Bits<'_>,
     before: &mut [i16; 3],
     (stripe, band): (&mut Stripe, &mut Band),
@@ -97,7 +137,9 @@ fn read_row(
                 frame.can_be(1 + component, *before)?;
             }
         }
-        band.take(frame, along, stripe);
+        if wanted.contains(&along) {
+            band.take(frame, along, stripe);
+        }
     }
     Some(())
 }

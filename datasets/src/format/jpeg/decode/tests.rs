@@ -11,7 +11,7 @@ fn obvious(bytes: &[u8]) -> Option<Vec<u8>> {
 }
 
 fn found(bytes: &[u8]) -> Option<Vec<u8>> {
-    let image = decode(bytes, u64::MAX)?;
+    let (_, image) = decode(bytes, u64::MAX, Window::whole)?;
     Some(image.values().as_flattened().to_vec())
 }
 
@@ -43,6 +43,39 @@ fn pixels_are_those_of_the_other_decoder() {
             }
         }
     }
+}
+
+/// Borders of windows on, before and after those of what is coded together; windows of one pixel, too.
+#[test]
+fn parts_are_those_of_the_whole() {
+    let mut seen = 0;
+    for (width, height) in [(17, 17), (129, 47), (257, 50), (523, 47), (600, 300)] {
+        let image = picture((width, height), 6);
+        for options in all_options(&[93]) {
+            let bytes = oracle(&image, options);
+            let (_, whole) = decode(&bytes, u64::MAX, Window::whole).unwrap();
+            let ranges = |length: u32, round: u32| {
+                let borders = [0, 1, 7, 8, 15, 16, 17, 31, 33, 127, 128, 255, 256, 259, 511];
+                let any = |seed| borders[random(round, seed) as usize % borders.len()] % length;
+                let (a, b) = (any(length), any(length + 1));
+                let end = if round.is_multiple_of(5) { length } else { a.max(b) + 1 };
+                a.min(b)..end
+            };
+            for round in 0..60 {
+                let window = Window {
+                    columns: ranges(width, round),
+                    rows: ranges(height, round + 1000),
+                };
+                let part = decode(&bytes, u64::MAX, |_| window.clone()).unwrap();
+                let expected = ((width, height), whole.cut(&window).unwrap());
+                assert!(part == expected, "{width}x{height} {window:?} {options:?}");
+                seen += 1;
+            }
+            let beyond = Window::whole((width + 1, height));
+            assert!(decode(&bytes, u64::MAX, |_| beyond).is_none());
+        }
+    }
+    assert!(seen >= 300, "{seen}");
 }
 
 /// An image encoded in a way that the other tests do not have.
@@ -79,7 +112,7 @@ fn notes_are_skipped_and_what_is_not_plain_is_left_alone() {
     }
     let small = encoded((16, 100), |_| {});
     assert!(obvious(&small).is_some() && found(&small).is_none());
-    assert!(decode(&noted, 211 * 103 - 1).is_none());
+    assert!(decode(&noted, 211 * 103 - 1, Window::whole).is_none());
     let mut png = Vec::new();
     crate::format::image::write_png(&mut png, &picture((40, 40), 0)).unwrap();
     assert!(found(&png).is_none() && found(&[]).is_none());
