@@ -7,6 +7,7 @@ use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// This program's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -37,12 +38,14 @@ pub struct Run {
 impl Run {
     /// The run of `command` with these resolved options on these inputs, which are hashed.
     pub fn new(command: &str, options: &impl Serialize, inputs: &[&Path]) -> Result<Self> {
+        Self::of(command, options, &Inputs::list(inputs)?)
+    }
+
+    /// The run of `command` with these resolved options on inputs of which some are hashed already.
+    pub fn of(command: &str, options: &impl Serialize, inputs: &Inputs) -> Result<Self> {
         let options = toml::Table::try_from(options)
             .map_err(|error| Error::invalid("run.toml", error.to_string()))?;
-        let inputs = inputs
-            .iter()
-            .map(|&path| Ok((path.display().to_string(), hash_path(path)?)))
-            .collect::<Result<_>>()?;
+        let inputs = inputs.hashes()?;
         Ok(Self {
             command: command.to_owned(),
             version: VERSION.to_owned(),
@@ -86,31 +89,107 @@ impl Run {
     }
 }
 
-/// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.
-pub fn hash_path(path: &Path) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    if !path.is_dir() {
-        if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+/// Inputs, listed before the work. What is read of them can be hashed as it is read, so that no file is gone
+/// through twice; the rest is hashed when it is asked for.
+#[derive(Debug, Default)]
+pub struct Inputs {
+    /// By the path they were given as.
+    listed: BTreeMap<String, Listed>,
+    known: Mutex<BTreeMap<PathBuf, blake3::Hash>>,
+}
+
+/// What lies at a path.
+#[derive(Debug)]
+enum Listed {
+    File(PathBuf),
+    /// By name.
+    Folder(Vec<(String, Listed)>),
+}
+
+impl Inputs {
+    /// Lists files and folders with all that lies in them.
+    ///
+    /// # Errors
+    /// What is missing, and what is no regular file.
+    pub fn list(paths: &[&Path]) -> Result<Self> {
+        let mut inputs = Self::default();
+        paths.iter().try_for_each(|path| inputs.add(path))?;
+        Ok(inputs)
+    }
+
+    /// Lists another one.
+    pub fn add(&mut self, path: &Path) -> Result<()> {
+        let listed = Listed::at(path)?;
+        self.listed.insert(path.display().to_string(), listed);
+        Ok(())
+    }
+
+    /// Hashes the content of a file that is read, unless it was before.
+    pub fn is_read(&self, path: &Path, content: &[u8]) {
+        if self.known().contains_key(path) {
+            return;
+        }
+        let hash = blake3::hash(content);
+        self.known().insert(path.to_path_buf(), hash);
+    }
+
+    fn known(&self) -> MutexGuard<'_, BTreeMap<PathBuf, blake3::Hash>> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// BLAKE3 of each, as [`hash_path`] has it, by the path it was given as.
+    fn hashes(&self) -> Result<BTreeMap<String, String>> {
+        let hash = |(path, listed): (&String, &Listed)| Ok((path.clone(), self.hash(listed)?));
+        self.listed.iter().map(hash).collect()
+    }
+
+    fn hash(&self, listed: &Listed) -> Result<String> {
+        let mut hasher = blake3::Hasher::new();
+        match listed {
+            Listed::File(path) => {
+                if let Some(known) = self.known().get(path) {
+                    return Ok(known.to_hex().to_string());
+                }
+                hasher
+                    .update_mmap(path)
+                    .map_err(mvs_datasets::Error::io(path, "read"))?;
+            }
+            Listed::Folder(entries) => {
+                for (name, listed) in entries {
+                    let hash = self.hash(listed)?;
+                    hasher
+                        .update(name.as_bytes())
+                        .update(&[0])
+                        .update(hash.as_bytes());
+                }
+            }
+        }
+        Ok(hasher.finalize().to_hex().to_string())
+    }
+}
+
+impl Listed {
+    fn at(path: &Path) -> Result<Self> {
+        let metadata = std::fs::metadata(path).map_err(mvs_datasets::Error::io(path, "read"))?;
+        if metadata.is_dir() {
+            let named = |entry: PathBuf| {
+                let name = entry.strip_prefix(path).unwrap_or(&entry);
+                Ok((name.to_string_lossy().into_owned(), Self::at(&entry)?))
+            };
+            let entries = sorted_entries(path)?.into_iter().map(named);
+            return Ok(Self::Folder(entries.collect::<Result<_>>()?));
+        }
+        if !metadata.is_file() {
             let problem = "expected a regular file, found a pipe or a device: write its content to a file first";
             return Err(Error::invalid(path.display().to_string(), problem));
         }
-        hasher
-            .update_mmap(path)
-            .map_err(mvs_datasets::Error::io(path, "read"))?;
-        return Ok(hasher.finalize().to_hex().to_string());
+        Ok(Self::File(path.to_path_buf()))
     }
-    for entry in sorted_entries(path)? {
-        let name = entry
-            .strip_prefix(path)
-            .unwrap_or(&entry)
-            .to_string_lossy()
-            .into_owned();
-        hasher
-            .update(name.as_bytes())
-            .update(&[0])
-            .update(hash_path(&entry)?.as_bytes());
-    }
-    Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.
+pub fn hash_path(path: &Path) -> Result<String> {
+    Inputs::default().hash(&Listed::at(path)?)
 }
 
 /// SHA-256 of a file's bytes, in hexadecimal: what `sha256sum` prints and records name files by.
@@ -148,6 +227,38 @@ pub(crate) fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_hashed_as_it_is_read_is_what_is_hashed_from_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let put = |name: &str, content: &[u8]| {
+            files::write_atomically(&path(name), |out| out.write_all(content)).unwrap();
+        };
+        let large = vec![7u8; 100_000];
+        put("in/a", b"one");
+        put("in/below/b", &large);
+        put("other", b"");
+        let (inside, other) = (path("in"), path("other"));
+        let inputs = Inputs::list(&[&inside, &other]).unwrap();
+        inputs.is_read(&path("in/below/b"), &large);
+        inputs.is_read(&path("in/below/b"), b"is known");
+        inputs.is_read(&path("elsewhere"), b"is no input");
+        // What comes later is no input.
+        put("in/c", b"a result");
+        let run = |inputs: &Inputs| Run::of("test", &toml::Table::new(), inputs).unwrap();
+        let found = run(&inputs).inputs;
+        std::fs::remove_file(path("in/c")).unwrap();
+        let expected = |path: &Path| (path.display().to_string(), hash_path(path).unwrap());
+        assert_eq!(found, [expected(&inside), expected(&other)].into());
+        assert_eq!(found, run(&Inputs::list(&[&other, &inside]).unwrap()).inputs);
+        assert_eq!(expected(&other).1, blake3::hash(b"").to_hex().to_string());
+        let known = blake3::hash(&large).to_hex().to_string();
+        assert_eq!(hash_path(&path("in/below/b")).unwrap(), known);
+        inputs.is_read(&path("in/a"), b"as it was read");
+        assert_ne!(found, run(&inputs).inputs);
+        assert!(Inputs::list(&[&path("missing")]).is_err());
+    }
 
     #[test]
     fn sha256_is_that_of_the_standard() {

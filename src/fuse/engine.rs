@@ -9,7 +9,7 @@ use super::counts::FuseCounts;
 use super::geometry::PairGeometry;
 use super::inputs::{DepthMaps, Scratch, check_views};
 use super::merrell::render;
-use super::options::{FuseMode, FuseOptions, Visibility};
+use super::options::{Colors, FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink};
 use super::reference::{Band, Reference, Region};
 use super::rules::Rule;
@@ -277,7 +277,11 @@ impl Engine<'_> {
         let columns = columns(self.inputs.maps, self.options)
             .and(Columns::VISIBLE.when(sink.wants_visible()));
         let mut cache = Cache::new(self.inputs.memory / 2);
-        let mut images = Cache::new(self.inputs.memory / 2);
+        // Of the reference alone they are wanted once.
+        let mut images = Cache::new(match self.options.colors {
+            Colors::Mean => self.inputs.memory / 2,
+            Colors::Reference => 0,
+        });
         // Bands of rows worked on at a time; their memory is used again.
         let mut bands: Vec<Band> = (0..4 * parallel::threads())
             .map(|_| Band::default())

@@ -186,7 +186,6 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let visible = visible_path(&job.out);
     check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
     let maps = FolderMaps::open(job, context)?;
-    let run = Run::new("fuse", job, &as_paths(&job.inputs()))?;
     remove_if_there(&run_file)?; // it comes back last: without it the result is not whole
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
@@ -205,7 +204,7 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         remove_if_there(&visible)?; // that of the cloud before
     }
     write_report(job, &outcome)?;
-    run.write(&run_file)?;
+    Run::of("fuse", job, &maps.inputs)?.write(&run_file)?;
     Ok(outcome)
 }
 
@@ -220,10 +219,6 @@ fn check_out_files(paths: &[&Path], force: bool) -> Result<()> {
         check_out_file(path, force)?;
     }
     Ok(())
-}
-
-fn as_paths(paths: &[PathBuf]) -> Vec<&Path> {
-    paths.iter().map(PathBuf::as_path).collect()
 }
 
 /// `cloud.json` for `cloud.ply`.

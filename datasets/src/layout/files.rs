@@ -4,10 +4,9 @@ use crate::error::{Error, FormatError, Result};
 use crate::format;
 use crate::mapped::MappedFile;
 use crate::scene::{
-    ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity, Window,
+    ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
 use std::io::{BufWriter, Write};
-use std::ops::Range;
 use std::path::Path;
 
 /// What the names of temporary files begin with; what an ended process leaves of them may go.
@@ -99,14 +98,6 @@ pub fn read_image(path: &Path) -> Result<ColorImage> {
     read_with(path, format::image::read_color)
 }
 
-/// Of a JPEG or PNG, its width and height, and the pixels in the window that `wanted` answers to them.
-pub fn read_image_part(
-    path: &Path,
-    wanted: impl Fn((u32, u32)) -> Window,
-) -> Result<((u32, u32), ColorImage)> {
-    read_with(path, |bytes| format::image::read_color_part(bytes, wanted))
-}
-
 /// Reads a one-channel PFM as it is, e.g. confidences.
 pub fn read_raster(path: &Path) -> Result<Raster<f32>> {
     read_with(path, format::pfm::read_gray)
@@ -115,41 +106,6 @@ pub fn read_raster(path: &Path) -> Result<Raster<f32>> {
 /// Reads a PFM depth map.
 pub fn read_depth(path: &Path) -> Result<(DepthMap, RejectedDepths)> {
     Ok(DepthMap::clean(read_raster(path)?))
-}
-
-/// Calls `take(row, first column, depths)` for runs of columns, row by row from the top, of a PFM depth map of
-/// this size; where there is no run, there is no depth.
-pub fn read_depth_runs(
-    path: &Path,
-    size: (u32, u32),
-    take: &mut dyn FnMut(usize, usize, &[f32]),
-) -> Result<RejectedDepths> {
-    let mut all = RejectedDepths::default();
-    read_with(path, |bytes| {
-        format::pfm::gray_runs(bytes, size, |row, first, values| {
-            let rejected = DepthMap::clean_values(values);
-            all.nan += rejected.nan;
-            all.infinite += rejected.infinite;
-            all.negative += rejected.negative;
-            take(row, first, values);
-        })
-    })?;
-    Ok(all)
-}
-
-/// Calls `take(row, columns, values)` with the `wanted` columns of every row, from the top, of a one-channel
-/// PFM of this size; what is not wanted is not read. Values are as stored.
-pub fn read_raster_parts(
-    path: &Path,
-    size: (u32, u32),
-    wanted: &dyn Fn(usize) -> Range<usize>,
-    mut take: impl FnMut(usize, Range<usize>, &[f32]),
-) -> Result<()> {
-    read_with(path, |bytes| {
-        format::pfm::gray_parts(bytes, size, wanted, |row, columns, values| {
-            take(row, columns, values);
-        })
-    })
 }
 
 /// Reads a 4×4 similarity transform.

@@ -23,6 +23,13 @@ impl RejectedDepths {
     pub fn total(&self) -> usize {
         self.nan + self.infinite + self.negative
     }
+
+    /// Counts those of another part of the map, too.
+    pub fn add(&mut self, other: Self) {
+        self.nan += other.nan;
+        self.infinite += other.infinite;
+        self.negative += other.negative;
+    }
 }
 
 impl DepthMap {

@@ -4,7 +4,9 @@ use super::{FuseJob, cams, workspace};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, Scratch, put_parts, take_rows};
 use crate::jobs::Context;
+use crate::provenance::Inputs;
 use crate::warning::Warnings;
+use mvs_datasets::FormatError;
 use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
@@ -27,6 +29,8 @@ pub(super) struct FolderMaps<'a> {
     has_images: bool,
     has_confidence: bool,
     warnings: &'a Warnings,
+    /// All that is read, hashed as it is.
+    pub(super) inputs: Inputs,
 }
 
 /// The files of one view.
@@ -63,7 +67,10 @@ impl<'a> FolderMaps<'a> {
             _ => cams::entries(job, context)?,
         };
         warn_of_missing_images(&entries, context);
+        let inputs = job.inputs();
+        let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
         Ok(Self {
+            inputs: Inputs::list(&inputs)?,
             has_images: entries.iter().all(|entry| entry.image.is_some()),
             has_confidence: !job.confidence.is_empty(),
             entries,
@@ -151,8 +158,8 @@ impl DepthMaps for FolderMaps<'_> {
     fn depth(&self, index: usize) -> Result<DepthMap> {
         let (path, encoding) = (&self.entries[index].depth, self.entries[index].encoding);
         let (depth, rejected) = match encoding {
-            Encoding::Pfm => files::read_depth(path)?,
-            Encoding::Dense => DepthMap::clean(files::read_with(path, dense::read_gray)?),
+            Encoding::Pfm => DepthMap::clean(self.read(path, pfm::read_gray)?),
+            Encoding::Dense => DepthMap::clean(self.read(path, dense::read_gray)?),
         };
         self.warn_of(path, rejected);
         Ok(depth)
@@ -162,7 +169,15 @@ impl DepthMaps for FolderMaps<'_> {
         let Entry { view, depth, .. } = &self.entries[index];
         let size = (view.camera.width(), view.camera.height());
         match self.entries[index].encoding {
-            Encoding::Pfm => self.warn_of(depth, files::read_depth_runs(depth, size, take)?),
+            Encoding::Pfm => {
+                let mut all = RejectedDepths::default();
+                let clean = |row, first, values: &mut [f32]| {
+                    all.add(DepthMap::clean_values(values));
+                    take(row, first, values);
+                };
+                self.read(depth, |bytes| pfm::gray_runs(bytes, size, clean))?;
+                self.warn_of(depth, all);
+            }
             Encoding::Dense => take_rows(&self.depth(index)?, take),
         }
         Ok(())
@@ -173,7 +188,7 @@ impl DepthMaps for FolderMaps<'_> {
         let size = (camera.width(), camera.height());
         let mut least: Option<Raster<f32>> = None;
         for path in &self.entries[index].confidence {
-            let map = files::read_raster(path)?;
+            let map = self.read(path, pfm::read_gray)?;
             if map.width() > size.0 || map.height() > size.1 || least.is_none() {
                 // The first one, and none, is larger than the depth map.
                 self.check_size(index, path, map.size())?;
@@ -197,10 +212,18 @@ impl DepthMaps for FolderMaps<'_> {
         let [only] = self.entries[index].confidence.as_slice() else {
             return Ok(put_parts(self.confidence(index)?.as_ref(), wanted, to));
         };
-        self.check_size(index, only, files::read_with(only, pfm::read_size)?)?;
-        files::read_raster_parts(only, size, wanted, |row, wanted, values| {
+        let put = |row: usize, wanted: Range<usize>, values: &[f32]| {
             to[row * width..][wanted].copy_from_slice(values);
+        };
+        let mut found = size;
+        self.read(only, |bytes| {
+            found = pfm::read_size(bytes)?;
+            match found == size {
+                true => pfm::gray_parts(bytes, size, wanted, put),
+                false => Ok(()), // to be said in another way
+            }
         })?;
+        self.check_size(index, only, found)?;
         Ok(true)
     }
 
@@ -208,7 +231,7 @@ impl DepthMaps for FolderMaps<'_> {
         let Some(path) = &self.entries[index].normals else {
             return Ok(None);
         };
-        let normals = files::read_with(path, dense::read_normals)?;
+        let normals = self.read(path, dense::read_normals)?;
         self.check_size(index, path, normals.size())?;
         Ok(Some(normals))
     }
@@ -217,14 +240,15 @@ impl DepthMaps for FolderMaps<'_> {
         let Some(path) = &self.entries[index].mask else {
             return Ok(None);
         };
-        let gray = files::read_with(path, image::read_gray)?;
+        let gray = self.read(path, image::read_gray)?;
         self.check_size(index, path, gray.size())?;
         Ok(Some(gray.map(|&value| value >= 128)))
     }
 
     fn image(&self, index: usize) -> Result<Option<ColorImage>> {
         let path = self.entries[index].image.as_ref();
-        Ok(path.map(|path| files::read_image(path)).transpose()?)
+        let read = |path| self.read(path, image::read_color);
+        path.map(read).transpose()
     }
 
     fn image_part(
@@ -233,8 +257,8 @@ impl DepthMaps for FolderMaps<'_> {
         wanted: &dyn Fn((u32, u32)) -> Window,
     ) -> Result<Option<((u32, u32), ColorImage)>> {
         let path = self.entries[index].image.as_ref();
-        let read = |path: &PathBuf| files::read_image_part(path, wanted);
-        Ok(path.map(read).transpose()?)
+        let part = |bytes: &[u8]| image::read_color_part(bytes, wanted);
+        path.map(|path| self.read(path, part)).transpose()
     }
 
     fn has_images(&self) -> bool {
@@ -269,6 +293,19 @@ fn smaller(mut least: Raster<f32>, other: &Raster<f32>) -> Raster<f32> {
 }
 
 impl FolderMaps<'_> {
+    /// Maps a file for `read`, and has it hashed, so that each comes to memory only once.
+    fn read<T>(
+        &self,
+        path: &PathBuf,
+        read: impl FnOnce(&[u8]) -> std::result::Result<T, FormatError>,
+    ) -> Result<T> {
+        let hashed = |bytes: &[u8]| {
+            self.inputs.is_read(path, bytes);
+            read(bytes)
+        };
+        Ok(files::read_with(path, hashed)?)
+    }
+
     fn warn_of(&self, path: &Path, rejected: RejectedDepths) {
         if rejected.total() == 0 {
             return;

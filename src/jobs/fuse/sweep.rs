@@ -2,7 +2,7 @@
 //! shows.
 
 use super::maps::FolderMaps;
-use super::{FuseJob, as_paths, check_out_files};
+use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, Points, fuse_maps};
 use crate::jobs::{Context, run_file_beside};
@@ -85,10 +85,10 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     let all = combinations(job);
     all.iter().try_for_each(FuseOptions::check)?;
     let truth = read_truth(job)?;
-    let folder = FolderMaps::open(&job.fuse, context)?;
-    let mut read = job.fuse.inputs();
-    read.extend(job.truth.clone());
-    let run = Run::new("sweep", job, &as_paths(&read))?;
+    let mut folder = FolderMaps::open(&job.fuse, context)?;
+    if let Some(truth) = &job.truth {
+        folder.inputs.add(truth)?;
+    }
     let kept = KeptMaps::read(&folder, job.fuse.budget(), context)?;
     let mut rows = Vec::new();
     for options in all {
@@ -107,7 +107,7 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
         rows,
     };
     files::write_atomically(&job.out, |out| write_csv(out, &outcome.rows))?;
-    run.write(&run_file)?;
+    Run::of("sweep", job, &folder.inputs)?.write(&run_file)?;
     Ok(outcome)
 }
 
