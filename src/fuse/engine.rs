@@ -283,9 +283,12 @@ impl Engine<'_> {
             Colors::Reference => 0,
         });
         // Bands of rows worked on at a time; their memory is used again.
-        let mut bands: Vec<Band> = (0..4 * parallel::threads())
-            .map(|_| Band::default())
-            .collect();
+        // One thread takes points from the cache, where they were just put; others wait for none.
+        let at_a_time = match parallel::threads() {
+            1 => 1,
+            threads => 4 * threads,
+        };
+        let mut bands: Vec<Band> = (0..at_a_time).map(|_| Band::default()).collect();
         self.for_each_view("making points", |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
             let finish = self.finish(&mut reference, columns, &mut images)?;

@@ -46,6 +46,12 @@ pub(super) struct Room {
     position: [[f64; BLOCK]; 3],
     /// Depth over focal length.
     scale: [f32; BLOCK],
+    /// Views that agree, the reference counted.
+    views: [u32; BLOCK],
+    /// A bit per pixel on which enough sources agree, and one per pixel that lies to the right of the entry
+    /// before.
+    enough: u64,
+    follows: u64,
     /// Stored values of the 3×3 pixels around each, rows from the top.
     windows: [[f32; BLOCK]; 9],
     normal: [[f32; BLOCK]; 3],
@@ -62,6 +68,9 @@ impl Room {
         Self {
             position: [[0.0; BLOCK]; 3],
             scale: [0.0; BLOCK],
+            views: [0; BLOCK],
+            enough: 0,
+            follows: 0,
             windows: [[1.0; BLOCK]; 9],
             normal: [[0.0; BLOCK]; 3],
             whole: [0; BLOCK],
@@ -83,9 +92,33 @@ impl Room {
         places.map(|((&x, &y), &z)| DVec3::new(x, y, z))
     }
 
-    /// What a pixel spans at each point of a run.
-    pub(super) fn scales(&self, run: &Run) -> &[f32] {
-        &self.scale[run.clone()]
+    /// What a pixel spans at each point.
+    pub(super) fn scales(&self) -> &[f32; BLOCK] {
+        &self.scale
+    }
+
+    /// Views that agree on each point, the reference counted.
+    pub(super) fn views(&self) -> &[u32; BLOCK] {
+        &self.views
+    }
+
+    /// Of the first `len` pixels, a bit for each on which enough sources agree.
+    pub(super) fn enough(&self, len: usize) -> u64 {
+        let beyond = BLOCK.saturating_sub(len);
+        self.enough & u64::MAX.checked_shr(beyond as u32).unwrap_or(0)
+    }
+
+    /// Puts into `runs` the pixels whose bits are set in `kept`.
+    pub(super) fn put_runs(&self, mut kept: u64, runs: &mut Vec<Run>) {
+        runs.clear();
+        let going_on = kept & self.follows;
+        while kept != 0 {
+            let start = kept.trailing_zeros();
+            let more = going_on.checked_shr(start + 1).unwrap_or(0).trailing_ones();
+            let end = start + 1 + more;
+            runs.push(start as usize..end as usize);
+            kept &= u64::MAX.checked_shl(end).unwrap_or(0);
+        }
     }
 
     /// The normals of a run by whole windows; `None` where one has gaps.
@@ -168,8 +201,22 @@ impl Room {
 /// Entries of a block whose pixels lie side by side in a row.
 pub(super) type Run = Range<usize>;
 
-/// Windows that are copied at a time.
+/// Entries that are copied at a time.
 const STEP: usize = 16;
+
+/// Adds the entries of a run of `from` to a column: as many as are copied at a time, and then without those
+/// past its end, because what has a known length is copied in a few instructions.
+#[inline]
+pub(super) fn extend<T: Copy>(column: &mut Vec<T>, from: &[T], run: &Run) {
+    match from[run.start..].first_chunk::<STEP>() {
+        Some(step) if run.len() <= STEP => {
+            let end = column.len() + run.len();
+            column.extend_from_slice(step);
+            column.truncate(end);
+        }
+        _ => column.extend_from_slice(&from[run.clone()]),
+    }
+}
 
 /// Where the block's points lie: at the fused depths.
 pub(super) struct Place<'a> {
@@ -199,7 +246,16 @@ impl WithSimd for Place<'_> {
         for i in 0..BLOCK {
             let depth = f64::from(block.depth[i]) + f64::from(self.consensus.delta[i]);
             self.room.scale[i] = (depth / self.frame.focal) as f32;
+            self.room.views[i] = self.consensus.count[i] + 1;
         }
+        let (mut enough, mut follows) = (0, 0);
+        for i in 0..BLOCK {
+            enough |= u64::from(self.consensus.enough[i]) << i;
+        }
+        for i in 1..BLOCK {
+            follows |= u64::from(block.place[i] == block.place[i - 1] + 1) << i;
+        }
+        (self.room.enough, self.room.follows) = (enough, follows);
     }
 }
 

@@ -4,7 +4,7 @@
 use super::confident::{Confident, Rows};
 use super::consensus::Consensus;
 use super::counts::FuseCounts;
-use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room, Run};
+use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room, Run, extend};
 use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
@@ -162,25 +162,25 @@ impl Reference<'_> {
         counts: &mut FuseCounts,
         runs: &mut Vec<Run>,
     ) {
-        runs.clear();
-        for i in 0..block.len {
-            let wanted = |wanted: &Region<'_>| wanted(room.position(i));
-            if !consensus.enough[i] {
-                counts.inconsistent += 1;
-            } else if self.options.guard && consensus.violations[i] > consensus.count[i] {
-                counts.contradicted += 1;
-            } else if finish.region.is_none_or(wanted) {
-                counts.fused += 1;
-                match runs.last_mut() {
-                    Some(run) if run.end == i && block.place[i - 1] + 1 == block.place[i] => {
-                        run.end += 1;
-                    }
-                    _ => runs.push(i..i + 1),
-                }
-            } else {
-                counts.outside += 1;
+        let enough = room.enough(block.len);
+        counts.inconsistent += block.len as u64 - u64::from(enough.count_ones());
+        let mut kept = enough;
+        if self.options.guard {
+            for i in 0..block.len {
+                let contradicted = consensus.violations[i] > consensus.count[i];
+                kept &= !(u64::from(contradicted) << i);
             }
+            counts.contradicted += u64::from((enough & !kept).count_ones());
         }
+        if let Some(wanted) = finish.region {
+            let agreed = kept;
+            for i in (0..block.len).filter(|i| agreed >> i & 1 == 1) {
+                kept &= !(u64::from(!wanted(room.position(i))) << i);
+            }
+            counts.outside += u64::from((agreed & !kept).count_ones());
+        }
+        counts.fused += u64::from(kept.count_ones());
+        room.put_runs(kept, runs);
     }
 
     /// Calls `f` with every block of pixels that have a depth, and what the sources say; `ahead` with the block
@@ -312,13 +312,9 @@ impl Reference<'_> {
         points: &mut Points,
     ) {
         points.positions.extend(room.positions(run));
-        let counts = &consensus.count[run.clone()];
-        points
-            .view_counts
-            .extend(counts.iter().map(|count| count + 1));
-        let violations = &consensus.violations[run.clone()];
-        points.violations.extend_from_slice(violations);
-        points.scales.extend_from_slice(room.scales(run));
+        extend(&mut points.view_counts, room.views(), run);
+        extend(&mut points.violations, &consensus.violations, run);
+        extend(&mut points.scales, room.scales(), run);
         if finish.columns.has(Columns::VISIBLE) {
             for i in run.clone() {
                 points.visible_in.push(number(self.number));
@@ -341,8 +337,8 @@ impl Reference<'_> {
             match &finish.photo {
                 Some(photo) if self.copies_colors(photo) => {
                     let first = photo.place(block.column(run.start), block.row(run.start));
-                    let colors = &photo.part.values()[first..first + run.len()];
-                    points.colors.extend_from_slice(colors);
+                    let colors = &photo.part.values()[first..];
+                    extend(&mut points.colors, colors, &(0..run.len()));
                 }
                 Some(_) => points.colors.extend(run.clone().map(|i| room.color(i))),
                 // White without an image.
@@ -352,9 +348,9 @@ impl Reference<'_> {
         if finish.columns.has(Columns::CONFIDENCES) {
             let first = block.pixel[run.start] as usize;
             match self.confidences(finish) {
-                Some(map) => points
-                    .confidences
-                    .extend_from_slice(&map[first..first + run.len()]),
+                Some(map) => {
+                    extend(&mut points.confidences, &map[first..], &(0..run.len()));
+                }
                 None => points.confidences.extend(run.clone().map(|_| 1.0)),
             }
         }

@@ -177,7 +177,7 @@ pub(super) struct PlySink<W> {
 }
 
 /// How many rows are written at a time.
-const ROWS: usize = 1 << 14;
+const ROWS: usize = 1 << 12;
 
 /// The vertex's properties.
 fn properties((columns, properties): (Columns, Properties)) -> Vec<(&'static str, Scalar)> {
