@@ -251,7 +251,10 @@ mod tests {
         std::fs::remove_file(path("in/c")).unwrap();
         let expected = |path: &Path| (path.display().to_string(), hash_path(path).unwrap());
         assert_eq!(found, [expected(&inside), expected(&other)].into());
-        assert_eq!(found, run(&Inputs::list(&[&other, &inside]).unwrap()).inputs);
+        assert_eq!(
+            found,
+            run(&Inputs::list(&[&other, &inside]).unwrap()).inputs
+        );
         assert_eq!(expected(&other).1, blake3::hash(b"").to_hex().to_string());
         let known = blake3::hash(&large).to_hex().to_string();
         assert_eq!(hash_path(&path("in/below/b")).unwrap(), known);

@@ -56,6 +56,8 @@ pub(super) struct Errors<'a> {
     pub(super) block: &'a Block,
     /// Expected depth / depth of the nearest pixel; 0 where that has none.
     pub(super) near: &'a [f32; BLOCK],
+    /// z-depth in the source; 0 where the pixel does not project into its map.
+    pub(super) z: &'a [f32; BLOCK],
     pub(super) bounds: &'a Bounds,
 }
 
@@ -150,7 +152,7 @@ impl Consensus {
                 self.delta[i] += if agrees == 1 { error.delta } else { 0.0 };
             }
             if SOFTEN {
-                self.note(i, (error, agrees), errors, seen.z[i]);
+                self.note(i, (error, agrees), errors);
             }
             seen.delta[i] = error.delta;
             seen.agrees[i] = agrees;
@@ -182,7 +184,7 @@ impl Consensus {
         for i in 0..BLOCK {
             let ratio = seen.ratio[i];
             let off = scale * (ratio - 1.0).abs();
-            let agrees = u32::from((ratio > 0.0) & (off < seen.z[i]));
+            let agrees = u32::from((ratio > 0.0) & (off < errors.z[i]));
             self.count(i, agrees, errors);
             seen.agrees[i] = agrees;
         }
@@ -193,7 +195,7 @@ impl Consensus {
     pub(super) fn witness(&mut self, errors: &Errors<'_>, seen: &Seen) {
         for i in 0..BLOCK {
             let error = errors.at(i, seen.ratio[i]);
-            self.note(i, (error, seen.agrees[i]), errors, seen.z[i]);
+            self.note(i, (error, seen.agrees[i]), errors);
         }
     }
 
@@ -205,8 +207,8 @@ impl Consensus {
     }
 
     #[inline(always)]
-    fn note(&mut self, i: usize, (error, agrees): (Error, u32), errors: &Errors<'_>, z: f32) {
-        let (bounds, near) = (errors.bounds, errors.near[i]);
+    fn note(&mut self, i: usize, (error, agrees): (Error, u32), errors: &Errors<'_>) {
+        let (bounds, near, z) = (errors.bounds, errors.near[i], errors.z[i]);
         let close = (error.pixel2 < 0.25 * bounds.pixel2) | (error.relative < 0.5 * bounds.tight);
         let close = close & (error.relative < 0.5 * bounds.relative);
         let judges = (near > 0.0) & (near <= bounds.occluded);

@@ -116,11 +116,9 @@ impl Wide {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Seen {
     /// Where the hypothesis projects to, in the source's continuous image coordinates shifted by
-    /// half a pixel (so that whole numbers are pixel centres of the bordered map).
+    /// half a pixel (so that whole numbers are pixel centres of the bordered map); if that is kept.
     pub(super) x: [f32; BLOCK],
     pub(super) y: [f32; BLOCK],
-    /// z-depth of the hypothesis in the source; 0 where it does not project into the map.
-    pub(super) z: [f32; BLOCK],
     /// `z` / sampled depth; 0 without a sample.
     pub(super) ratio: [f32; BLOCK],
     /// Reprojected depth minus the reference's; 0 without a sample.
@@ -134,17 +132,10 @@ impl Seen {
         Self {
             x: [0.0; BLOCK],
             y: [0.0; BLOCK],
-            z: [0.0; BLOCK],
             ratio: [0.0; BLOCK],
             delta: [0.0; BLOCK],
             agrees: [0; BLOCK],
         }
-    }
-
-    /// Whether anything projects into the map.
-    #[inline(always)]
-    pub(super) fn any(&self) -> bool {
-        self.z.iter().fold(false, |any, &z| any | (z > 0.0))
     }
 
     /// Says that nothing projects into the map; the positions stay.
@@ -167,6 +158,8 @@ pub(super) struct Pair {
 
 /// The four pixels of the source around each position.
 pub(super) struct Footprint {
+    /// z-depth of the hypothesis in the source; 0 where it does not project into the map.
+    pub(super) z: [f32; BLOCK],
     /// The place in the bordered map of the upper left one.
     pub(super) index: [u32; BLOCK],
     /// How far the position lies to the right of it, and below.
@@ -177,10 +170,17 @@ pub(super) struct Footprint {
 impl Footprint {
     pub(super) fn new() -> Self {
         Self {
+            z: [0.0; BLOCK],
             index: [0; BLOCK],
             fx: [0.0; BLOCK],
             fy: [0.0; BLOCK],
         }
+    }
+
+    /// Whether anything projects into the map.
+    #[inline(always)]
+    pub(super) fn any(&self) -> bool {
+        self.z.iter().fold(false, |any, &z| any | (z > 0.0))
     }
 }
 
@@ -204,9 +204,9 @@ impl Pair {
         }
     }
 
-    /// Positions, source depths and the top-left of the four pixels, which are asked for.
+    /// Source depths and the four pixels, which are asked for; and positions, if they are `KEPT`.
     #[inline(always)]
-    pub(super) fn project(
+    pub(super) fn project<const KEPT: bool>(
         &self,
         wide: &Wide,
         source: &Samples,
@@ -243,9 +243,11 @@ impl Pair {
             to.index[i] = whole(row.mul_add(stride, stored));
             to.fx[i] = (x - column) as f32;
             to.fy[i] = (y - row) as f32;
-            seen.x[i] = x as f32;
-            seen.y[i] = y as f32;
-            seen.z[i] = if inside { pz as f32 } else { 0.0 };
+            if KEPT {
+                seen.x[i] = x as f32;
+                seen.y[i] = y as f32;
+            }
+            to.z[i] = if inside { pz as f32 } else { 0.0 };
         }
         for &first in to.index.iter().step_by(ASKED) {
             prefetch(source.values(), first as usize);

@@ -9,7 +9,7 @@ use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
 use super::points::{Columns, Points};
-use super::rules::{Against, Bounds, Case, Court, Rule, Verdict};
+use super::rules::{Against, Bounds, Case, Court, Kept, Rule, Verdict};
 use super::samples::Samples;
 use super::sampling;
 use super::source::{Photo, Source, SourceImage};
@@ -76,9 +76,13 @@ impl Reference<'_> {
         let first = (rows.start + 1) * self.samples.stride();
         let mut counts = FuseCounts::default();
         let unit = self.samples.unit();
+        let kept = match self.rule {
+            Rule::Median => Kept::Words,
+            _ => Kept::Nothing,
+        };
         self.for_each_block(
             rows,
-            Rows::all(&self.samples),
+            (Rows::all(&self.samples), kept),
             |_| (),
             |block, _, consensus| {
                 let mut fused = [0.0; BLOCK];
@@ -119,7 +123,8 @@ impl Reference<'_> {
             None => Rows::all(&self.samples),
         };
         let ahead = |block: &Block| self.ask(block, finish);
-        self.for_each_block(rows.clone(), own, ahead, |block, seen, consensus| {
+        let from = (own, self.kept(finish));
+        self.for_each_block(rows.clone(), from, ahead, |block, seen, consensus| {
             self.place((block, seen, consensus), finish, &mut room);
             self.judge((block, consensus), (finish, &room), &mut counts, &mut runs);
             if runs.is_empty() {
@@ -132,6 +137,17 @@ impl Reference<'_> {
             }
         });
         band.counts = counts;
+    }
+
+    /// What finished points need of what sources say.
+    fn kept(&self, finish: &Finish<'_>) -> Kept {
+        if finish.columns.has(Columns::COLORS) && self.options.colors == Colors::Mean {
+            Kept::Positions
+        } else if self.rule == Rule::Disparity || finish.columns.has(Columns::VISIBLE) {
+            Kept::Words
+        } else {
+            Kept::Nothing
+        }
     }
 
     /// Asks for what finished points of the block need of the reference itself.
@@ -183,12 +199,12 @@ impl Reference<'_> {
         room.put_runs(kept, runs);
     }
 
-    /// Calls `f` with every block of pixels that have a depth, and what the sources say; `ahead` with the block
-    /// before they are asked. Blocks are taken from the rows of one strip of columns after the other.
+    /// Calls `f` with every block of pixels that have a depth, and what the sources say, as far as it is `kept`;
+    /// `ahead` with the block before they are asked. Blocks are taken from the rows of one strip of columns after the other.
     fn for_each_block(
         &self,
         rows: Range<usize>,
-        own: Rows<'_>,
+        (own, kept): (Rows<'_>, Kept),
         ahead: impl Fn(&Block),
         mut f: impl FnMut(&Block, &[Seen], &Consensus),
     ) {
@@ -206,9 +222,10 @@ impl Reference<'_> {
             bounds: Bounds::new(self.view, self.options),
             needed: u32::try_from(self.needed).unwrap_or(u32::MAX),
             soften: self.soften,
+            kept,
             sources: &sources,
         };
-        let mut verdict = Verdict::new(sources.len());
+        let mut verdict = Verdict::new(sources.len(), kept);
         let arch = Arch::new();
         let mut finish = |block: &mut Block| {
             ahead(block);

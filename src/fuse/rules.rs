@@ -101,6 +101,17 @@ pub(super) struct Against<'a> {
     pub(super) disparity: f32,
 }
 
+/// What is kept of what each source says, for whoever looks at it after the decision.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Kept {
+    /// Nothing: what one source says takes the place of what the one before did, in the nearest cache.
+    Nothing,
+    /// All but positions.
+    Words,
+    /// Positions, too.
+    Positions,
+}
+
 /// What decides, the same for all pixels of a reference view.
 #[derive(Clone, Copy)]
 pub(super) struct Court<'a> {
@@ -111,15 +122,17 @@ pub(super) struct Court<'a> {
     pub(super) needed: u32,
     /// Whether [`FEWEST`] do where nobody else can judge.
     pub(super) soften: bool,
+    pub(super) kept: Kept,
     pub(super) sources: &'a [Against<'a>],
 }
 
 /// What is written while a block is decided, used again for the next.
 pub(super) struct Verdict {
-    /// What each source says.
+    /// What each source says; if nothing is kept, the last one.
     pub(super) seen: Vec<Seen>,
     /// Fused depth minus the reference's, by source: room for sorting.
     sorted: Vec<[f32; BLOCK]>,
+    /// In turn of the sources that are being looked at.
     footprints: Vec<Footprint>,
     wide: Wide,
     /// Of the source being looked at, and of the next.
@@ -128,17 +141,22 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
-    pub(super) fn new(sources: usize) -> Self {
+    pub(super) fn new(sources: usize, kept: Kept) -> Self {
+        let told = if kept == Kept::Nothing { 1 } else { sources };
         Self {
-            seen: vec![Seen::new(); sources],
+            seen: vec![Seen::new(); told],
             sorted: vec![[0.0; BLOCK]; sources + 1],
-            footprints: (0..sources).map(|_| Footprint::new()).collect(),
+            footprints: (0..LOOKED_AT).map(|_| Footprint::new()).collect(),
             wide: Wide::new(),
             sampled: [Sampled::new(), Sampled::new()],
             consensus: Consensus::new(),
         }
     }
 }
+
+/// Sources that are looked at by turns: one's pixels are asked for while another's are fetched and the third's
+/// are weighed.
+const LOOKED_AT: usize = 3;
 
 /// A block before the court. `pulp` compiles [`WithSimd::with_simd`], and what is inlined into it,
 /// once per instruction set.
@@ -168,36 +186,44 @@ impl WithSimd for Case<'_> {
         } = verdict;
         consensus.begin(court.rule, court.soften);
         wide.fill(block);
-        // All sources are projected first, so that their samples have time to come.
-        for at in 0..court.sources.len() {
-            let source = &court.sources[at];
-            let (seen, footprint) = (&mut seen[at], &mut footprints[at]);
-            source.pair.project(wide, source.samples, seen, footprint);
-        }
-        // What was fetched is looked at when the next source's pixels have been: right away it would still be
-        // on its way from single pixels to memory, where vectors of them are read.
-        for ahead in 0..=court.sources.len() {
+        let (told, turns) = (seen.len(), footprints.len());
+        // Pixels are fetched when the next source was projected, so that they have time to come. What was
+        // fetched is looked at when the next source's pixels have been, too: right away it would still be on its
+        // way from single pixels to memory, where vectors of them are read.
+        for step in 0..court.sources.len() + 2 {
+            if let Some(source) = court.sources.get(step) {
+                let to = &mut footprints[step % turns];
+                let (pair, seen) = (source.pair, &mut seen[step % told]);
+                match court.kept {
+                    Kept::Positions => pair.project::<true>(wide, source.samples, seen, to),
+                    _ => pair.project::<false>(wide, source.samples, seen, to),
+                }
+            }
+            let Some(ahead) = step.checked_sub(1) else {
+                continue;
+            };
             if let Some(source) = court.sources.get(ahead)
-                && seen[ahead].any()
+                && footprints[ahead % turns].any()
             {
                 let map = (source.samples, court.taps);
-                sampled[ahead % 2].fetch(map, &footprints[ahead]);
+                sampled[ahead % 2].fetch(map, &footprints[ahead % turns]);
             }
             let Some(at) = ahead.checked_sub(1) else {
                 continue;
             };
-            let (source, footprint) = (&court.sources[at], &footprints[at]);
-            let (seen, sampled) = (&mut seen[at], &mut sampled[at % 2]);
-            if !seen.any() {
+            let (source, footprint) = (&court.sources[at], &footprints[at % turns]);
+            let (seen, sampled) = (&mut seen[at % told], &mut sampled[at % 2]);
+            if !footprint.any() {
                 seen.nothing();
                 continue;
             }
             let map = (source.samples.unit(), court.taps);
-            sampled.weigh(map, (footprint, &seen.z), &mut seen.ratio);
+            sampled.weigh(map, footprint, &mut seen.ratio);
             let errors = Errors {
                 epipole: source.pair.epipole,
                 block,
                 near: &sampled.near,
+                z: &footprint.z,
                 bounds: &court.bounds,
             };
             match (court.rule, court.soften) {

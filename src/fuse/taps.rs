@@ -47,19 +47,19 @@ impl Sampled {
         }
     }
 
-    /// Puts expected depth / sampled depth into `ratio`, 0 for none, of the pixels that were fetched; `z` are the
-    /// expected depths, 0 beyond the map.
+    /// Puts expected depth / sampled depth into `ratio`, 0 for none, of the pixels that were fetched.
     #[inline(always)]
     pub(super) fn weigh(
         &mut self,
         (unit, taps): (Unit, Taps),
-        (footprint, z): (&Footprint, &[f32; BLOCK]),
+        footprint: &Footprint,
         ratio: &mut [f32; BLOCK],
     ) {
         match taps {
-            Taps::Valid(similar) => self.valid((footprint, z), similar, ratio),
-            Taps::Plain => self.plain((footprint, z), ratio),
+            Taps::Valid(similar) => self.valid(footprint, similar, ratio),
+            Taps::Plain => self.plain(footprint, ratio),
             Taps::Nearest => {
+                let z = &footprint.z;
                 for i in 0..BLOCK {
                     self.near[i] = match unit {
                         Unit::Inverse => self.near[i] * z[i],
@@ -97,7 +97,8 @@ impl Sampled {
 
     /// Expected depth / bilinear depth, pixels without depth as zeros.
     #[inline(always)]
-    fn plain(&mut self, (footprint, z): (&Footprint, &[f32; BLOCK]), ratio: &mut [f32; BLOCK]) {
+    fn plain(&mut self, footprint: &Footprint, ratio: &mut [f32; BLOCK]) {
+        let z = &footprint.z;
         for i in 0..BLOCK {
             let ([a, b], [c, d]) = (self.top[i], self.bottom[i]);
             let (fx, fy) = (footprint.fx[i], footprint.fy[i]);
@@ -112,12 +113,8 @@ impl Sampled {
     /// Bilinear inverse depth over the pixels near the expected one, times the expected depth. The
     /// nearest pixel must be among them: half a pixel is the most that is extrapolated.
     #[inline(always)]
-    fn valid(
-        &mut self,
-        (footprint, z): (&Footprint, &[f32; BLOCK]),
-        similar: f32,
-        ratio: &mut [f32; BLOCK],
-    ) {
+    fn valid(&mut self, footprint: &Footprint, similar: f32, ratio: &mut [f32; BLOCK]) {
+        let z = &footprint.z;
         for i in 0..BLOCK {
             let ([a, b], [c, d]) = (self.top[i], self.bottom[i]);
             let near = nearest([a, b], [c, d], footprint, i) * z[i];

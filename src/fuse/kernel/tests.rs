@@ -73,14 +73,15 @@ fn looked(
     let (mut seen, mut footprint) = (Seen::new(), Footprint::new());
     let (mut wide, mut sampled) = (Wide::new(), Sampled::new());
     wide.fill(block);
-    pair.project(&wide, map.0, &mut seen, &mut footprint);
+    pair.project::<true>(&wide, map.0, &mut seen, &mut footprint);
     sampled.fetch(map, &footprint);
     let map = (map.0.unit(), map.1);
-    sampled.weigh(map, (&footprint, &seen.z), &mut seen.ratio);
+    sampled.weigh(map, &footprint, &mut seen.ratio);
     let errors = Errors {
         epipole: pair.epipole,
         block,
         near: &sampled.near,
+        z: &footprint.z,
         bounds: &Bounds::new(reference, &FuseOptions::default()),
     };
     let errors = std::array::from_fn(|i| errors.at(i, seen.ratio[i]));

@@ -5,8 +5,16 @@ use crate::fuse::testing::{Plane, arc, spoil};
 use glam::DVec3;
 use pulp::Arch;
 
-/// What every source says, and the consensus, bit by bit.
-fn bits(verdict: &Verdict) -> Vec<u32> {
+/// With all that is said kept, and where the block lies in each source.
+fn complete(sources: usize) -> Verdict {
+    Verdict {
+        footprints: (0..sources).map(|_| Footprint::new()).collect(),
+        ..Verdict::new(sources, Kept::Positions)
+    }
+}
+
+/// The consensus, bit by bit.
+fn agreed(verdict: &Verdict) -> Vec<u32> {
     let Consensus {
         count,
         violations,
@@ -17,8 +25,14 @@ fn bits(verdict: &Verdict) -> Vec<u32> {
     let mut bits: Vec<u32> = count.iter().chain(violations).copied().collect();
     bits.extend(delta.iter().map(|value| value.to_bits()));
     bits.extend(enough.iter().map(|&enough| u32::from(enough)));
-    for seen in &verdict.seen {
-        let columns = [&seen.x, &seen.y, &seen.z, &seen.ratio, &seen.delta];
+    bits
+}
+
+/// What every source says, and the consensus, bit by bit.
+fn bits(verdict: &Verdict) -> Vec<u32> {
+    let mut bits = agreed(verdict);
+    for (seen, footprint) in verdict.seen.iter().zip(&verdict.footprints) {
+        let columns = [&seen.x, &seen.y, &footprint.z, &seen.ratio, &seen.delta];
         bits.extend(columns.into_iter().flatten().map(|value| value.to_bits()));
         bits.extend(seen.agrees);
     }
@@ -39,7 +53,8 @@ struct Said {
 /// lies in the source is taken as found.
 fn say(court: &Court<'_>, block: &Block, verdict: &Verdict, (at, i): (usize, usize)) -> Said {
     let (source, bounds) = (&court.sources[at], &court.bounds);
-    let (footprint, z) = (&verdict.footprints[at], verdict.seen[at].z[i]);
+    let footprint = &verdict.footprints[at];
+    let z = footprint.z[i];
     let (first, stride) = (footprint.index[i] as usize, source.samples.stride());
     let taps = [first, first + 1, first + stride, first + stride + 1];
     let taps = taps.map(|place| source.samples.values()[place]);
@@ -112,7 +127,7 @@ fn check_plainly(court: &Court<'_>, block: &Block, verdict: &Verdict) -> usize {
         let agreeing = || said.iter().filter(|said| said.agrees);
         let others = || {
             said.iter()
-                .zip(&verdict.seen)
+                .zip(&verdict.footprints)
                 .filter(|(said, _)| !said.agrees)
         };
         let (count, bounds) = (agreeing().count() as u32, &court.bounds);
@@ -131,7 +146,7 @@ fn check_plainly(court: &Court<'_>, block: &Block, verdict: &Verdict) -> usize {
             let half = said.pixel < bounds.pixel2 / 4.0 || said.relative < bounds.tight / 2.0;
             half && said.relative < bounds.relative / 2.0
         });
-        let nothing_there = others().filter(|(said, seen)| seen.z[i] > 0.0 && said.near == 0.0);
+        let nothing_there = others().filter(|(said, at)| at.z[i] > 0.0 && said.near == 0.0);
         let objects = others().any(|(said, _)| said.near > 0.0 && said.near <= bounds.occluded);
         let suffice = close.count() >= 2 && nothing_there.count() <= 2 && !objects;
         let enough = match court.rule {
@@ -219,10 +234,11 @@ fn every_instruction_set_gives_the_same_bits() {
             bounds: Bounds::new(&own.view, &options),
             needed: 4,
             soften: matches!(rule, Rule::Average | Rule::Keep),
+            kept: Kept::Positions,
             sources: &sources,
         };
         for block in &blocks(own) {
-            let [mut plain, mut eight, mut wide] = [5; 3].map(Verdict::new);
+            let [mut plain, mut eight, mut wide] = [5; 3].map(complete);
             let case = |verdict| Case {
                 court,
                 block,
@@ -233,6 +249,20 @@ fn every_instruction_set_gives_the_same_bits() {
             by_avx2(case(&mut eight));
             assert!(bits(&plain) == bits(&wide), "{rule:?}");
             assert!(bits(&plain) == bits(&eight), "{rule:?} by AVX2");
+            for kept in [Kept::Nothing, Kept::Words] {
+                if (rule, kept) == (Rule::Median, Kept::Nothing) {
+                    continue; // which sorts what is kept
+                }
+                let mut less = Verdict::new(5, kept);
+                Arch::new().dispatch(Case {
+                    court: Court { kept, ..court },
+                    block,
+                    verdict: &mut less,
+                });
+                assert!(agreed(&less) == agreed(&wide), "{rule:?} {kept:?}");
+                let last = less.seen.last().unwrap();
+                assert_eq!(last.agrees, wide.seen[4].agrees, "{rule:?} {kept:?}");
+            }
             let passed = check_plainly(&court, block, &wide);
             softened += if court.soften { passed } else { 0 };
             enough += wide.consensus.enough.iter().filter(|&&e| e).count();
@@ -253,7 +283,7 @@ fn by_avx2<W: WithSimd>(work: W) -> W::Output {
 #[test]
 fn the_median_is_the_middle_value_and_of_an_even_number_the_smaller_middle_one() {
     for agreeing in 0..14usize {
-        let mut verdict = Verdict::new(13);
+        let mut verdict = complete(13);
         let mut wanted = Vec::new();
         for i in 0..BLOCK {
             let mut values = vec![0.0f32];

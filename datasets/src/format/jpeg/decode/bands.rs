@@ -171,12 +171,7 @@ impl WithSimd for Put<'_, '_> {
 
 /// Halved chroma at full resolution, of the places in `half`: between rows first, then within them.
 #[inline(always)]
-fn widen(
-    (near, far): (&[u8], &[u8]),
-    half: Range<usize>,
-    between: &mut [u16],
-    out: &mut [u8],
-) {
+fn widen((near, far): (&[u8], &[u8]), half: Range<usize>, between: &mut [u16], out: &mut [u8]) {
     let count = between.len() - 2;
     let (first, end) = (half.start.saturating_sub(1), (half.end + 1).min(count));
     let rows = near[first..end].iter().zip(&far[first..end]);

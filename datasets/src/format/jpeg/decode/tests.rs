@@ -58,7 +58,11 @@ fn parts_are_those_of_the_whole() {
                 let borders = [0, 1, 7, 8, 15, 16, 17, 31, 33, 127, 128, 255, 256, 259, 511];
                 let any = |seed| borders[random(round, seed) as usize % borders.len()] % length;
                 let (a, b) = (any(length), any(length + 1));
-                let end = if round.is_multiple_of(5) { length } else { a.max(b) + 1 };
+                let end = if round.is_multiple_of(5) {
+                    length
+                } else {
+                    a.max(b) + 1
+                };
                 a.min(b)..end
             };
             for round in 0..60 {
