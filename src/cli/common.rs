@@ -65,7 +65,8 @@ pub(crate) struct Global {
     /// How the answer on stdout looks.
     #[arg(long, global = true, value_enum, default_value = "auto")]
     pub(crate) format: Format,
-    /// Options from a run.toml of the same command or a TOML of bare options; flags override it.
+    /// Options from a run.toml of the same command, or a TOML of such options alone, under the names that
+    /// stand below [options] there (--max-pixel-error of fuse: fuse.max_pixel_error). Flags override it.
     #[arg(long, global = true, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
 }

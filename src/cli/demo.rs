@@ -51,10 +51,12 @@ pub(crate) fn execute(job: &DemoJob, global: &Global) -> anyhow::Result<Verdict>
         table.add_row(row("predicted from the noise", predicted));
         table
     })?;
-    let out = outcome.out.display();
-    say(&format!(
-        "{} points; look at {out}/contact_sheet.png and {out}/score",
-        outcome.points
-    ));
+    if !global.quiet {
+        let out = outcome.out.display();
+        say(&format!(
+            "{} points; look at {out}/contact_sheet.png and {out}/score",
+            outcome.points
+        ));
+    }
     Ok(Verdict::Passed)
 }

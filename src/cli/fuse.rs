@@ -218,12 +218,26 @@ fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
         mode.as_str().map(str::to_owned)
     });
     let mode = presets::mode_layer(said.as_deref().unwrap_or("hkust"))?;
+    let given = given(&args.fuse);
     let fuse = |options| toml::Table::from_iter([("fuse".to_owned(), toml::Value::Table(options))]);
     let job: FuseJob = config::resolve([fuse(mode), fuse(preset), file, flags])?;
+    fuse::check_used(&job, &given)?;
     Ok(FuseJob {
         memory: args.memory,
         ..job
     })
+}
+
+/// The procedure's options that were given as flags.
+fn given(flags: &FuseFlags) -> Vec<&'static str> {
+    let all = [
+        (flags.visibility.is_some(), "visibility"),
+        (flags.min_confidence.is_some(), "min_confidence"),
+        (flags.max_pixel_error.is_some(), "max_pixel_error"),
+        (flags.min_sources.is_some(), "min_sources"),
+    ];
+    let given = all.into_iter().filter(|(given, _)| *given);
+    given.map(|(_, option)| option).collect()
 }
 
 /// The preset's options; says so where it knows other scenes than this one.

@@ -61,7 +61,9 @@ pub(crate) struct GenerateArgs {
     #[arg(long)]
     #[serde(skip)]
     merge: bool,
-    /// A TOML file of scenes: [defaults] and one [[scene]] each, with the options of this command
+    /// A TOML file of scenes: [defaults] and one [[scene]] each, with the options of this command under
+    /// the names that the [options] of a run.toml have: mesh, cameras, photos, out, name, sizes, pairs,
+    /// pixel_center, camera.size, options.render.samples, options.blend.… Paths are seen from the file
     #[arg(long, value_name = "FILE", conflicts_with_all = ["mesh", "cameras", "photos", "name", "id"])]
     #[serde(skip)]
     manifest: Option<PathBuf>,

@@ -38,7 +38,7 @@ pub(crate) struct RenderArgs {
     #[arg(long)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     undistort: bool,
-    /// Write more: normals (geometric), interpolated_normals, sight (what each pixel shows: 0 nothing,
+    /// Write more: normals (geometric), interpolated-normals, sight (what each pixel shows: 0 nothing,
     /// 32 no ray, 64 the back of a triangle, 192 surface whose samples disagree, 255 surface)
     #[arg(long = "also", value_enum, value_delimiter = ',', value_name = "WHAT")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -51,9 +51,9 @@ pub(crate) struct RenderArgs {
 
 #[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
 enum Also {
     Normals,
+    #[value(alias = "interpolated_normals")]
     InterpolatedNormals,
     Sight,
 }

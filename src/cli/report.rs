@@ -47,7 +47,7 @@ pub(crate) struct ReportArgs {
     #[serde(skip)]
     folder: Vec<PathBuf>,
     /// With --folder: also put its first table and its pictures into this Markdown file
-    #[arg(long, value_name = "README", requires = "folder")]
+    #[arg(long, value_name = "README", requires = "folder", conflicts_with_all = ["records", "out", "check"])]
     #[serde(skip)]
     into: Option<PathBuf>,
 }

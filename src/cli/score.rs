@@ -17,8 +17,9 @@ use std::path::PathBuf;
 /// .recall.ply, with the distance as scalar `error`), the cumulative curves up to 5 τ
 /// (<Scene>.precision.txt and .recall.txt) and the summary <Scene>.prf_tau_plotstr.txt.
 ///
-/// Gates look for misalignment: a shifted or wrong log, a wrong transform, wrong units, a collapsed
-/// scale. A failed gate names its cause on stderr and in score.json; the exit code is then 1.
+/// With tnt, gates look for misalignment: a shifted or wrong log, a wrong transform, wrong units, a
+/// collapsed scale. A failed gate names its cause on stderr and in score.json; the exit code is then 1.
+/// Without --protocol the clouds are taken to share a frame: a score of 0 is explained by a warning.
 ///
 /// Examples:
 ///   mvs-eval score --protocol tnt --scene data/Barn --reconstruction barn.ply \
@@ -133,6 +134,12 @@ fn is_false(flag: &bool) -> bool {
 }
 
 pub(crate) fn run(args: &ScoreArgs, global: &Global) -> anyhow::Result<Verdict> {
+    if args.all.is_some() && matches!(args.protocol, Some(ProtocolName::Plain)) {
+        anyhow::bail!(
+            "--protocol: expected tnt, or none, beside --all, which scores Tanks and Temples scenes, \
+             found plain: leave it out"
+        );
+    }
     execute(&resolve("score", args, global)?, global)
 }
 

@@ -195,6 +195,7 @@ pub(super) fn check_views(maps: &dyn DepthMaps) -> Result<()> {
         return Err(Error::invalid("depth maps", problem));
     }
     for index in 0..maps.count() {
+        check_places(maps.view(index))?;
         let odd = |&&source: &&usize| source >= maps.count() || source == index;
         if let Some(source) = maps.sources(index).iter().find(odd) {
             let problem = format!(
@@ -226,6 +227,16 @@ pub(super) fn check_size(view: &View, found: (u32, u32), map: &str) -> Result<()
         "expected a {map} of the camera's size {}x{}, found {}x{}: scale the camera to the map",
         camera.0, camera.1, found.0, found.1
     );
+    Err(Error::invalid(name(view), problem))
+}
+
+/// Checks that the places of a bordered map fit into 32 bits, in which the loop counts them.
+fn check_places(view: &View) -> Result<()> {
+    let (width, height) = (view.camera.width(), view.camera.height());
+    if (u64::from(width) + 4) * (u64::from(height) + 2) < 1 << 32 {
+        return Ok(());
+    }
+    let problem = format!("expected fewer than 2^32 pixels, found {width}x{height}");
     Err(Error::invalid(name(view), problem))
 }
 

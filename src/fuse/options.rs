@@ -117,6 +117,20 @@ pub enum Colors {
     Reference,
 }
 
+impl FuseMode {
+    /// Whether the procedure asks for this one of the options that only some procedures ask for.
+    pub fn asks_for(self, option: &str) -> bool {
+        match option {
+            "visibility" => self == Self::Hkust,
+            "max_pixel_error" => !matches!(self, Self::Dynamic | Self::Gipuma),
+            "min_sources" => self != Self::Dynamic,
+            // Where `max_depth_error` bounds nothing, it tells which views see through a point, and maps
+            // that are not sampled are rounded as `sampling` keeps them.
+            _ => true,
+        }
+    }
+}
+
 impl Default for FuseOptions {
     fn default() -> Self {
         Self {

@@ -1,5 +1,5 @@
-//! A depth map made ready for sampling: cleaned of what the filters leave out, bordered by one
-//! pixel without depth, stored as depth or inverse depth.
+//! A depth map made ready for sampling: cleaned of what the filters leave out, bordered by
+//! pixels without depth (two left and right, a row above and below), stored as depth or inverse depth.
 
 use super::counts::FuseCounts;
 use super::inputs::{DepthMaps, check_size};

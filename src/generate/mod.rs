@@ -22,6 +22,7 @@ pub mod visibility;
 pub(crate) use fit::same_shape;
 pub use fit::{Fit, covering};
 pub use pairs::{Covisibility, PairOptions};
+pub(crate) use photos::turned_warning;
 pub use photos::{PhotoFolder, Photographs};
 pub use plan::{mesh_digest, scene_id};
 pub use range::{HYPOTHESES, RangeRule, depth_range, kept_by_readers};
@@ -31,6 +32,7 @@ pub use shard::Part;
 pub use sparse::sparse_sources;
 
 use crate::blend::BlendOptions;
+use crate::error::Result;
 use crate::render::RenderOptions;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use serde::{Deserialize, Serialize};
@@ -92,6 +94,18 @@ pub struct GenerateOptions {
     pub blend: BlendOptions,
     /// How source views are chosen.
     pub pairs: PairOptions,
+}
+
+impl GenerateOptions {
+    /// Checks what no view can be made with.
+    ///
+    /// # Errors
+    /// Names the option, what is expected and what was found.
+    pub(crate) fn check(&self) -> Result<()> {
+        view::check_jpeg_quality(self.jpeg_quality)?;
+        self.render.check()?;
+        range::check_margin(self.range_margin)
+    }
 }
 
 impl Default for GenerateOptions {

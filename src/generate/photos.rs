@@ -28,8 +28,9 @@ pub trait Photographs: Sync {
 }
 
 /// Photographs in a folder: the file of the view's name; else one of that name with another ending;
-/// else the same without the name's folder, or of the view's eight-digit id. The last two are looked for
-/// only where no view's photograph lies in a folder of its name, so that none is taken from another's.
+/// else the same without the name's folder, or of the view's eight-digit id. For views whose name has a
+/// folder the last two are looked for only where no view's photograph lies in such a folder, so that none
+/// is taken from another's.
 #[derive(Debug, Clone)]
 pub struct PhotoFolder {
     paths: BTreeMap<u32, PathBuf>,
@@ -46,7 +47,7 @@ impl PhotoFolder {
         }
         let mut nested = false;
         for view in views.iter().filter(|view| !folder_of(view).is_empty()) {
-            nested = nested || is_file(&folder.join(&view.name))?;
+            nested = nested || find(folder, view, true)?.is_some();
         }
         let mut paths = BTreeMap::new();
         let mut owners: BTreeMap<PathBuf, &View> = BTreeMap::new();
@@ -66,7 +67,7 @@ impl PhotoFolder {
                 "expected a photograph of each view, found none of {} of {} views; the first is {}",
                 missing.len(),
                 views.len(),
-                expected_name(first)
+                expected_name(first, nested)
             );
             return Err(mvs_datasets::Error::layout(folder, problem).into());
         }
@@ -87,21 +88,8 @@ impl PhotoFolder {
 
     /// A warning where photographs are stored turned: their pixels are taken as stored.
     pub fn warning(&self) -> Option<Warning> {
-        let paths: Vec<&PathBuf> = self.paths.values().collect();
-        let turned = parallel::map(paths.len(), |index| orientation_of(paths[index]));
-        let turned: Vec<(&PathBuf, u8)> = (paths.into_iter().zip(turned))
-            .filter_map(|(path, orientation)| Some((path, orientation?)))
-            .collect();
-        let (first, orientation) = turned.first()?;
-        let message = format!(
-            "{} photographs say by EXIF that they are to be turned before they are shown; pixels are \
-             taken as stored, as most photogrammetry does; the first is {} (orientation {orientation}): \
-             if the cameras are for upright images, turn the pixels and take the tag off \
-             (mogrify -auto-orient)",
-            turned.len(),
-            first.display(),
-        );
-        Some(Warning::new("exif-orientation", message))
+        let paths: Vec<&Path> = self.files().collect();
+        turned_warning(&paths)
     }
 
     fn path(&self, view: &View) -> Result<&PathBuf> {
@@ -169,9 +157,11 @@ fn taken_twice(path: &Path, first: &View, second: &View) -> Error {
     mvs_datasets::Error::layout(path, problem).into()
 }
 
-fn expected_name(view: &View) -> String {
+fn expected_name(view: &View, nested: bool) -> String {
     if view.name.is_empty() {
         format!("{:08}.jpg or .png", view.id)
+    } else if nested && !folder_of(view).is_empty() {
+        format!("{} or that with another ending", view.name)
     } else {
         format!("{} or {:08}.jpg or .png", view.name, view.id)
     }
@@ -189,6 +179,24 @@ impl Photographs for PhotoFolder {
     fn orientation(&self, view: &View) -> Option<u8> {
         orientation_of(self.path(view).ok()?)
     }
+}
+
+/// A warning where photographs are stored turned: their pixels are taken as stored.
+pub(crate) fn turned_warning(paths: &[&Path]) -> Option<Warning> {
+    let turned = parallel::map(paths.len(), |index| orientation_of(paths[index]));
+    let turned: Vec<(&Path, u8)> = (paths.iter().zip(turned))
+        .filter_map(|(path, orientation)| Some((*path, orientation?)))
+        .collect();
+    let (first, orientation) = turned.first()?;
+    let message = format!(
+        "{} photographs say by EXIF that they are to be turned before they are shown; pixels are \
+         taken as stored, as most photogrammetry does; the first is {} (orientation {orientation}): \
+         if the cameras are for upright images, turn the pixels and take the tag off \
+         (mogrify -auto-orient)",
+        turned.len(),
+        first.display(),
+    );
+    Some(Warning::new("exif-orientation", message))
 }
 
 /// So much of a file holds the head of its image, as a rule.
@@ -275,6 +283,27 @@ mod tests {
         let expected = ["camA/00000000.png", "camB/00000000.jpg"];
         let expected = expected.map(|name| folder.path().join(name));
         assert!(photos.files().eq(&expected));
+    }
+
+    #[test]
+    fn folders_mean_something_where_photographs_lie_in_them_with_another_ending() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["camA/a.png", "camB/b.png", "a.png"] {
+            touch(&folder.path().join(name));
+        }
+        let rig = [
+            view(0, "camA/a.jpg"),
+            view(1, "camB/a.jpg"),
+            view(2, "camB/b.jpg"),
+        ];
+        let error = PhotoFolder::open(folder.path(), &rig)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("1 of 3 views"), "{error}");
+        assert!(
+            error.ends_with("camB/a.jpg or that with another ending"),
+            "{error}"
+        );
     }
 
     /// A JPEG whose EXIF says this orientation.

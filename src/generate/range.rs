@@ -33,7 +33,7 @@ pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Opt
     range_within(depth, extent, rule, margin).map(Some)
 }
 
-fn check_margin(margin: f64) -> Result<()> {
+pub(super) fn check_margin(margin: f64) -> Result<()> {
     if !(margin.is_finite() && margin >= 0.0) {
         let problem = format!("expected a finite fraction of at least 0, found {margin}");
         return Err(Error::invalid("range margin", problem));

@@ -2,7 +2,7 @@
 
 use super::choice::{Plan, fitted_to, plan_scene};
 use super::shard::Part;
-use super::view::{self, ViewWork};
+use super::view::ViewWork;
 use super::{Extra, GenerateOptions, Photographs, leftovers, plan};
 use crate::blend::Blender;
 use crate::error::{Error, Result};
@@ -81,22 +81,24 @@ pub fn generate(
         size: options.size,
     };
     let work = (&[target][..], Part::All);
-    let made = generate_sets(source, work, options, progress, warnings)?;
+    let made = generate_sets(source, work, options, &mut |_| {}, progress, warnings)?;
     let scene = made.into_iter().find_map(|made| made.scene);
     scene.ok_or_else(|| Error::invalid("scene", "expected a whole scene, found a part of one"))
 }
 
 /// Generates sets of the scene that differ in image size, or a part of them. Source views are chosen
 /// at the first target's size and hold for all, and a view must see surface in each; depth is rendered
-/// at each size. `options.size` is not looked at.
+/// at each size. `options.size` is not looked at. `begin` is told the place of each target just before
+/// what lies there is changed.
 pub fn generate_sets(
     source: &Source<'_>,
     (targets, part): (&[Target], Part),
     options: &GenerateOptions,
+    begin: &mut dyn FnMut(usize),
     progress: &dyn Progress,
     warnings: &Warnings,
 ) -> Result<Vec<Generated>> {
-    view::check_jpeg_quality(options.jpeg_quality)?;
+    options.check()?;
     let sizes: Vec<_> = targets.iter().map(|target| target.size).collect();
     if sizes.is_empty() {
         return Err(Error::invalid("image sizes", "expected one, found none"));
@@ -108,7 +110,7 @@ pub fn generate_sets(
         warnings.add("view-left-out", message);
     }
     let mesh = plan::mesh_digest(source.mesh);
-    let set = |target: &Target| {
+    let set = |(index, target): (usize, &Target)| {
         let options = GenerateOptions {
             size: target.size,
             ..options.clone()
@@ -122,33 +124,49 @@ pub fn generate_sets(
             fitted: fitted_to(&plan.views, target.size)?,
             part,
         };
-        set.make(&renderer, &digest, progress, warnings)
+        let blenders = set.blenders()?;
+        let work = set.work(&renderer, &digest, &blenders);
+        set.make(&work, &mut || begin(index), progress, warnings)
     };
-    targets.iter().map(set).collect()
+    targets.iter().enumerate().map(set).collect()
 }
 
 impl SetWork<'_> {
-    /// Makes the part's views, and the scene's own files unless that is a shard.
-    fn make(
-        &self,
-        renderer: &Renderer<'_>,
-        scene_digest: &str,
-        progress: &dyn Progress,
-        warnings: &Warnings,
-    ) -> Result<Generated> {
-        let work = ViewWork {
+    fn work<'w>(
+        &'w self,
+        renderer: &'w Renderer<'w>,
+        scene_digest: &'w str,
+        blenders: &'w BTreeMap<(u32, u32), Blender>,
+    ) -> ViewWork<'w> {
+        ViewWork {
             source: self.source,
             renderer,
             folder: self.folder,
             options: &self.options,
             scene_digest,
-            blenders: &self.blenders()?,
-        };
+            blenders,
+        }
+    }
+
+    /// Makes the part's views, and the scene's own files unless that is a shard.
+    fn make(
+        &self,
+        work: &ViewWork<'_>,
+        begin: &mut dyn FnMut(),
+        progress: &dyn Progress,
+        warnings: &Warnings,
+    ) -> Result<Generated> {
         let mine: Vec<usize> = (0..self.fitted.len())
             .filter(|&index| self.part.holds(self.plan.places[index]))
             .collect();
-        // From here on the set is another one, or not whole.
-        leftovers::remove_if_there(&self.folder.record())?;
+        let mut change = || {
+            // From here on the set is another one, or not whole.
+            begin();
+            leftovers::remove_if_there(&self.folder.record())
+        };
+        if self.part != Part::Merge {
+            change()?;
+        }
         progress.begin("generating views", mine.len() as u64);
         let records = parallel::try_map(mine.len(), |at| {
             progress.check()?;
@@ -164,6 +182,9 @@ impl SetWork<'_> {
         let unfinished = (mine.iter().zip(&records)).filter(|(_, record)| record.is_none());
         let unfinished: Vec<usize> = unfinished.map(|(&index, _)| index).collect();
         self.refuse(&unfinished)?;
+        if self.part == Part::Merge {
+            change()?;
+        }
         let records: Vec<ViewRecord> = records.into_iter().flatten().collect();
         for (code, message) in of_records(&records) {
             warnings.add(&code, message);

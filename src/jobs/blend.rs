@@ -74,6 +74,13 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
     let inputs = find_inputs(job)?;
     let run = Run::new("blend", job, &[&job.rendered, &job.photos])?;
     let out = OutDir::create(&job.out, run, context.force)?;
+    let photographs: Vec<&Path> = inputs
+        .iter()
+        .map(|input| input.photograph.as_path())
+        .collect();
+    if let Some(warning) = generate::turned_warning(&photographs) {
+        context.warnings.add(&warning.code, warning.message);
+    }
     context.progress.begin("blending", inputs.len() as u64);
     let images = parallel::try_map(inputs.len(), |index| {
         context.progress.check()?;

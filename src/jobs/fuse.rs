@@ -21,7 +21,7 @@ use maps::{FileScratch, FolderMaps};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
 use mvs_datasets::layout::scratch::ScratchFolder;
-use mvs_datasets::layout::workspace::StereoPass;
+use mvs_datasets::layout::workspace::{StereoPass, Workspace};
 use mvs_metrics::crop::Prism;
 use output::{Outputs, Visible};
 use serde::{Deserialize, Serialize};
@@ -106,6 +106,18 @@ impl FuseJob {
                 "expected a scene folder, found none",
             ));
         }
+        let is_workspace =
+            self.depths.as_os_str().is_empty() && Workspace::at(&self.scene).is_some();
+        if self.stereo != StereoPass::default() && !is_workspace {
+            let problem = "expected a COLMAP dense workspace without --depths, whose maps it picks, found \
+                           none: leave it out";
+            return Err(Error::invalid("--stereo", problem));
+        }
+        if self.camera_size.is_some() && is_workspace {
+            let problem = "expected none for a COLMAP dense workspace, whose model says its cameras' sizes: \
+                           leave it out";
+            return Err(Error::invalid("--camera-size", problem));
+        }
         if self.fuse.confidence_quantile != 0.0 && self.confidence.is_empty() {
             let problem = "needs --confidence, whose maps it is a quantile of";
             return Err(Error::invalid("--confidence-quantile", problem));
@@ -186,7 +198,6 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let visible = visible_path(&job.out);
     check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
     let maps = FolderMaps::open(job, context)?;
-    remove_if_there(&run_file)?; // it comes back last: without it the result is not whole
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
     let region: Option<&Region<'_>> = if prism.is_some() { Some(&inside) } else { None };
@@ -206,6 +217,26 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     write_report(job, &outcome)?;
     Run::of("fuse", job, &maps.inputs)?.write(&run_file)?;
     Ok(outcome)
+}
+
+/// Refuses those of the options `given` that would change nothing.
+///
+/// # Errors
+/// Names the first, and why it counts for nothing.
+pub fn check_used(job: &FuseJob, given: &[&str]) -> Result<()> {
+    let mode = job.fuse.mode;
+    let unused = given.iter().find(|option| !mode.asks_for(option));
+    let problem = if unused.is_some() {
+        format!("the mode {mode:?} does not ask for it: leave it out").to_lowercase()
+    } else if given.contains(&"min_confidence") && job.confidence.is_empty() {
+        "needs --confidence, whose maps it is a threshold for".to_owned()
+    } else if given.contains(&"min_confidence") && job.fuse.confidence_quantile != 0.0 {
+        "expected it or --confidence-quantile, which takes its place, found both".to_owned()
+    } else {
+        return Ok(());
+    };
+    let option = unused.unwrap_or(&"min_confidence").replace('_', "-");
+    Err(Error::invalid(format!("--{option}"), problem))
 }
 
 /// Checks each of the files that a command writes, before the work; no two may be one file.
@@ -287,6 +318,8 @@ fn write_cloud(
         });
         match fused {
             Ok((counts, merged)) => {
+                // It comes back last: without it the result is not whole.
+                remove_if_there(&run_file_beside(&job.out)).map_err(std::io::Error::other)?;
                 outcome = Some((outputs.finish()?, counts, merged));
                 Ok(())
             }
@@ -326,6 +359,7 @@ fn fuse_into<W: Write + std::io::Seek>(
         outputs.take(&points)?;
         counts
     };
+    outputs.maps.warn_of_units(&counts)?;
     if outputs.ply.count() == 0 {
         return Err(nothing(job, inputs.maps.count(), &counts));
     }

@@ -92,6 +92,10 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let name = name_of(job);
     let id = id_of(job, &name)?;
     let roots = roots_of(job)?;
+    let blank = Run::new("generate", job, &[])?;
+    for (root, _) in &roots {
+        OutDir::check_again(&root.join(&id), &blank, context.force)?;
+    }
     let scene = read_cameras(job, context)?;
     let photographs = PhotoFolder::open(&job.photos, scene.views())?;
     if let Some(warning) = photographs.warning() {
@@ -106,7 +110,6 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         OutDir::create_again(&root.join(&id), run.clone(), context.force)
     };
     let mut outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
-    outs.iter_mut().for_each(OutDir::begin);
     let source = Source {
         name: &name,
         id: &id,
@@ -125,6 +128,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         &source,
         (&targets, part),
         &job.options,
+        &mut |index| outs[index].begin(),
         context.progress,
         context.warnings,
     )?;

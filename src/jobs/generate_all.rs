@@ -71,14 +71,14 @@ pub fn run(
     let jobs = jobs_of(manifest, flags)?;
     let mut taken = BTreeSet::new();
     let mut scenes = Vec::new();
-    for (index, job) in jobs.into_iter().enumerate() {
+    for (name, job) in jobs {
         context.progress.check()?;
         let (name, made) = match job {
             Ok(job) => {
                 let name = generate::name_of(&job);
                 (name, make(&job, &mut taken, part, context))
             }
-            Err(error) => (format!("scene {}", index + 1), Err(error)),
+            Err(error) => (name, Err(error)),
         };
         scenes.push(match made {
             Err(Error::Interrupted) => return Err(Error::Interrupted),
@@ -120,8 +120,9 @@ fn reported(name: String, made: Result<generate::GenerateOutcome>) -> BatchScene
     }
 }
 
-/// The job of each scene, or what is wrong with its options.
-fn jobs_of(path: &Path, flags: &Table) -> Result<Vec<Result<GenerateJob>>> {
+/// The job of each scene, or what is wrong with its options; with the scene's name, or its place where
+/// it gives none.
+fn jobs_of(path: &Path, flags: &Table) -> Result<Vec<(String, Result<GenerateJob>)>> {
     let text = files::read_text(path)?;
     let wrong = |error: toml::de::Error| {
         let problem = error.to_string().trim().replace('\n', " ");
@@ -134,11 +135,13 @@ fn jobs_of(path: &Path, flags: &Table) -> Result<Vec<Result<GenerateJob>>> {
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     let defaults = seen_from(folder, manifest.defaults);
-    let job = |scene: Table| {
+    let job = |(place, scene): (usize, Table)| {
+        let name = scene.get("name").and_then(Value::as_str);
+        let name = name.map_or_else(|| format!("scene {}", place + 1), str::to_owned);
         let layers = [defaults.clone(), seen_from(folder, scene), flags.clone()];
-        config::resolve(layers)
+        (name, config::resolve(layers))
     };
-    Ok(manifest.scene.into_iter().map(job).collect())
+    Ok(manifest.scene.into_iter().enumerate().map(job).collect())
 }
 
 /// The layer with its paths seen from `folder`.

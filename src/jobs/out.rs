@@ -49,6 +49,24 @@ impl OutDir {
         Ok(out)
     }
 
+    /// What [`OutDir::create_again`] would refuse whatever the inputs are: for before the long reading of
+    /// them. `run` needs none.
+    pub fn check_again(path: &Path, run: &Run, force: bool) -> Result<()> {
+        let same = |mark: &str| {
+            let there = Run::read(&path.join(mark));
+            there.is_ok_and(|there| {
+                (there.command, there.options) == (run.command.clone(), run.options.clone())
+            })
+        };
+        if force || !path.is_dir() || same(FINISHED) || same(UNFINISHED) {
+            return Ok(());
+        }
+        match Self::at(path, run.clone()).has_files()? {
+            true => Err(Error::exists(path)),
+            false => Ok(()),
+        }
+    }
+
     fn at(path: &Path, run: Run) -> Self {
         Self {
             path: path.to_path_buf(),
@@ -264,6 +282,10 @@ mod tests {
             "refusing leaves the result as it is"
         );
         assert!(OutDir::create_again(folder.path(), run_of(16), false).is_err());
+        assert!(OutDir::check_again(folder.path(), &run_of(16), false).is_err());
+        assert!(OutDir::check_again(folder.path(), &run_of(16), true).is_ok());
+        assert!(OutDir::check_again(folder.path(), &run_of(4), false).is_ok());
+        assert!(OutDir::check_again(&folder.path().join("new"), &run_of(16), false).is_ok());
         assert!(OutDir::create_again(folder.path(), run_of(4), false).is_ok());
     }
 

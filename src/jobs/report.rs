@@ -6,13 +6,13 @@ use super::{Context, OutDir};
 use crate::error::{Error, Result};
 use crate::provenance::{self, Run};
 use crate::report::check::{self, Checked};
-use crate::report::leaderboard::{self, Board};
+use crate::report::leaderboard;
 use crate::report::record::{self, Record};
 use crate::report::table::Table;
 use crate::report::{table_csv, table_md, table_tex};
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -48,14 +48,15 @@ pub struct ReportOutcome {
 /// shows the curves, errors and clouds of the score folders that the records lie in.
 pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     let (files, records) = read_all(&job.records, Some(&job.out))?;
-    let boards = leaderboard::boards(&records)?;
+    let boards = leaderboard::boards(&records).map_err(|error| place_of(error, &files))?;
     let mut inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     inputs.extend(job.pictures.iter().map(PathBuf::as_path));
     let out = OutDir::create(&job.out, Run::new("report", job, &inputs)?, context.force)?;
-    out.write("results.csv", |file| record::write(file, &records))?;
-    let tables = write_tables(&out, &boards)?;
+    let tables = leaderboard::site_tables(&boards);
     context.progress.begin("page", 1);
     let (page, still) = page::of(job, &files, &tables, context)?;
+    out.write("results.csv", |file| record::write(file, &records))?;
+    write_tables(&out, (&tables, &leaderboard::paper_tables(&boards)))?;
     out.write("index.html", |file| file.write_all(page.as_bytes()))?;
     if let Some(png) = still {
         out.write("errors.png", |file| file.write_all(&png))?;
@@ -68,16 +69,14 @@ pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     })
 }
 
-/// Writes the site's tables and the papers', each as CSV, Markdown and LaTeX; returns the site's.
-fn write_tables(out: &OutDir, boards: &[Board]) -> Result<Vec<Table>> {
-    let site = leaderboard::site_tables(boards);
-    let paper = leaderboard::paper_tables(boards);
-    for (name, tables) in [("leaderboard", &site), ("leaderboard_paper", &paper)] {
+/// Writes the site's tables and the papers', each as CSV, Markdown and LaTeX.
+fn write_tables(out: &OutDir, (site, paper): (&[Table], &[Table])) -> Result<()> {
+    for (name, tables) in [("leaderboard", site), ("leaderboard_paper", paper)] {
         out.write(format!("{name}.csv"), |file| table_csv::write(file, tables))?;
         out.write(format!("{name}.md"), |file| table_md::write(file, tables))?;
         out.write(format!("{name}.tex"), |file| table_tex::write(file, tables))?;
     }
-    Ok(site)
+    Ok(())
 }
 
 /// The files of records at `paths`, and all their rows, of which there is at least one. A row that
@@ -102,6 +101,28 @@ pub(super) fn read_all(
         return Err(Error::invalid("report", problem));
     }
     Ok((found, records))
+}
+
+/// The error with the files named where it is of two different records of one cell.
+fn place_of(error: Error, files: &[PathBuf]) -> Error {
+    let mut cells: BTreeMap<String, (&PathBuf, Record)> = BTreeMap::new();
+    for path in files {
+        let rows = files::read_with(path, |bytes| record::read(bytes));
+        for row in rows.unwrap_or_default() {
+            let (other, same) = match cells.get(&leaderboard::cell(&row)) {
+                Some((other, before)) => (*other, format!("{before:?}") == format!("{row:?}")),
+                None => {
+                    cells.insert(leaderboard::cell(&row), (path, row));
+                    continue;
+                }
+            };
+            if !same {
+                let (other, path) = (other.display(), path.display());
+                return Error::invalid(format!("{other} and {path}"), error.to_string());
+            }
+        }
+    }
+    error
 }
 
 /// Recomputes what a published table derives; see [`check::check`].

@@ -13,7 +13,7 @@ pub(crate) struct Doubt {
     /// Where the sample stands in the columns of the tile.
     pub(crate) index: usize,
     pub(crate) triangle: u32,
-    /// About its nearness there, or more.
+    /// About its nearness there; off, where not `met`, by less than the bar that doubts are held to.
     pub(crate) nearness: f32,
     /// Whether the sample surely sees it, if nothing nearer, and `nearness` is what it is.
     pub(crate) met: bool,

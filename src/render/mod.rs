@@ -108,6 +108,11 @@ impl Default for RenderOptions {
 }
 
 impl RenderOptions {
+    /// Checks the number of samples.
+    pub(crate) fn check(&self) -> Result<()> {
+        self.grid().map(|_| ())
+    }
+
     /// Samples along each side of a pixel.
     fn grid(&self) -> Result<u32> {
         let side = (1..=8).find(|side| side * side == self.samples);

@@ -329,16 +329,33 @@ fn check(record: &Record) -> Result<()> {
 }
 
 fn duplicate(record: &Record) -> Error {
-    let threshold = record.threshold.map(|t| t.to_string()).unwrap_or_default();
     let problem = format!(
-        "expected one record per cell, found two for {} on {} at threshold {threshold} ({} {}); \
-         leave one out or give the methods different names",
-        label(record),
-        record.scene,
-        record.protocol,
-        record.profile
+        "expected one record per cell, found two for {}; leave one out or give the methods different names",
+        cell(record)
     );
     Error::invalid("records", problem)
+}
+
+/// What a record is of, in words; records of equal words share a cell.
+pub fn cell(record: &Record) -> String {
+    let threshold = record.threshold.map(|t| t.to_string()).unwrap_or_default();
+    let kind = [
+        &record.protocol,
+        &record.profile,
+        &record.split,
+        &record.unit,
+    ];
+    let kind: Vec<&str> = kind
+        .into_iter()
+        .map(String::as_str)
+        .filter(|word| !word.is_empty())
+        .collect();
+    format!(
+        "{} on {} at threshold {threshold} ({})",
+        label(record),
+        record.scene,
+        kind.join(" ")
+    )
 }
 
 impl Board {

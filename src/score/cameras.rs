@@ -263,7 +263,7 @@ fn suggested_scale(used: &[Match]) -> Option<f64> {
     stats::median(&ratios)
 }
 
-/// The shift that brings the cameras much nearer to their references than none does.
+/// The shift that brings most cameras near their references, and much nearer than none does.
 fn shift_of(
     matches: &[Match],
     median_residual: f64,
@@ -280,7 +280,9 @@ fn shift_of(
         Some((shift, residual))
     });
     let (shift, residual) = residuals.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    (residual < SHIFT_GAIN * median_residual).then_some(shift)
+    // The best of twenty fits to another scene's log gains too, and brings no camera near.
+    let fits = residual < camera_distance && residual < SHIFT_GAIN * median_residual;
+    fits.then_some(shift)
 }
 
 fn median_residual_at(
@@ -377,6 +379,22 @@ mod tests {
             let fit = strict(&trajectories(renumbered.collect()));
             assert_eq!(fit.shift, Some(lost as isize));
             assert_eq!((fit.matches.given, fit.matches.reference), (60 - lost, 60));
+        }
+    }
+
+    /// Poses in another order fit nowhere, and no shift is to blame.
+    #[test]
+    fn a_log_in_another_order_is_not_called_shifted() {
+        let reference = ring(60).0;
+        for step in [7, 11, 13, 17, 23, 29] {
+            let given = (0..60).map(|index| reference[index * step % 60].clone());
+            let renumbered = given.enumerate().map(|(index, pose)| LogPose {
+                metadata: [index as i64, 0, 0],
+                ..pose
+            });
+            let fit = strict(&trajectories(renumbered.collect()));
+            assert!(fit.inliers < 36, "{step} {}", fit.inliers);
+            assert_eq!(fit.shift, None, "{step}");
         }
     }
 

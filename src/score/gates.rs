@@ -40,6 +40,8 @@ pub const MAX_COARSE: f64 = 0.1;
 const DRIFT_SAMPLE: usize = 50_000;
 /// From this ratio of sizes on, clouds are taken to be in different units.
 const OTHER_UNIT: f64 = 30.0;
+/// A ratio of sizes within this factor of a unit's is explained by it.
+const LIKE_UNIT: f64 = 3.0;
 /// Units that reconstructions are found in, per unit of the truth.
 const UNITS: [(f64, &str); 4] = [
     (1e3, "millimetres"),
@@ -141,12 +143,20 @@ pub fn of_cameras(cameras: &CameraFit, camera_distance: f64) -> Vec<Gate> {
             "implausible-scale",
             cameras.scale_ratio,
             (Some(SCALE_BOUNDS.0), Some(SCALE_BOUNDS.1)),
-            format!(
-                "the alignment's scale is {:.4} times what the distances between cameras suggest",
-                cameras.scale_ratio
-            ),
+            if cameras.scale_ratio.is_nan() {
+                "the distances between cameras suggest no scale".to_owned()
+            } else {
+                format!(
+                    "the alignment's scale is {:.4} times what the distances between cameras suggest",
+                    cameras.scale_ratio
+                )
+            },
         )
-        .because("the alignment collapsed, as it does with many unregistered or wrong poses"),
+        .because(if cameras.scale_ratio.is_nan() {
+            "the log's poses, or those registered, lie in one point"
+        } else {
+            "the alignment collapsed, as it does with many unregistered or wrong poses"
+        }),
     ]
 }
 
@@ -214,8 +224,13 @@ pub fn unconverged(stages: &[Stage], profile: Profile) -> Option<String> {
 }
 
 /// Whether the crop volume keeps enough of the reconstruction. `bounds` are the boxes around the
-/// moved reconstruction and the truth.
-pub fn of_crop(evaluation: &Evaluation, reconstruction: &Aabb, truth: &Aabb) -> Gate {
+/// moved reconstruction and the truth. Cameras (`by_cameras`) bring their own scale: units are no
+/// explanation then.
+pub fn of_crop(
+    evaluation: &Evaluation,
+    (reconstruction, truth): (&Aabb, &Aabb),
+    by_cameras: bool,
+) -> Gate {
     let side = &evaluation.reconstruction;
     let kept = side.cropped as f64 / side.input.max(1) as f64;
     let said = format!(
@@ -225,7 +240,8 @@ pub fn of_crop(evaluation: &Evaluation, reconstruction: &Aabb, truth: &Aabb) -> 
     let cause = if side.input == 0 {
         "the reconstruction has no points".to_owned()
     } else {
-        let why = unit_guess(reconstruction, truth).map_or_else(
+        let unit = unit_guess(reconstruction, truth).filter(|_| !by_cameras);
+        let why = unit.map_or_else(
             || "the transform or the log seems to be another scene's".to_owned(),
             |unit| format!("units look like {unit}"),
         );
@@ -267,7 +283,8 @@ fn unit_guess(reconstruction: &Aabb, truth: &Aabb) -> Option<&'static str> {
     }
     let far = |unit: f64| (ratio / unit).ln().abs();
     let best = UNITS.iter().min_by(|a, b| far(a.0).total_cmp(&far(b.0)));
-    best.map(|&(_, name)| name)
+    let near = best.filter(|(unit, _)| far(*unit) < LIKE_UNIT.ln());
+    near.map(|&(_, name)| name)
 }
 
 /// Whether F is low at τ but high at 5 τ because the cloud as a whole is out of place. Noise alone

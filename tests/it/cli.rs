@@ -363,6 +363,54 @@ fn values_without_sense_are_refused_by_name() {
 }
 
 #[test]
+fn options_that_would_do_nothing_are_refused() {
+    let fuse = |more: &[&'static str]| {
+        [
+            &["fuse", "scene", "--depths", "d", "--out", "c.ply"][..],
+            more,
+        ]
+        .concat()
+    };
+    assert_refused(
+        &fuse(&["--min-confidence", "0.5"]),
+        &["--min-confidence", "--confidence"],
+    );
+    assert_refused(
+        &fuse(&["--mode", "geo", "--visibility", "none"]),
+        &["--visibility", "mode geo"],
+    );
+    assert_refused(
+        &fuse(&["--mode", "dynamic", "--min-sources", "4"]),
+        &["--min-sources"],
+    );
+    assert_refused(
+        &fuse(&["--stereo", "photometric"]),
+        &["--stereo", "workspace"],
+    );
+    assert_refused(
+        &["score", "--all", "x", "--protocol", "plain", "--out", "o"],
+        &["--protocol", "tnt"],
+    );
+    assert_refused(&["demo", "--tau", "0"], &["--tau"]);
+    assert_refused(
+        &[
+            "score",
+            "--truth",
+            "t.ply",
+            "--reconstruction",
+            "r.ply",
+            "--tau",
+            "1",
+            "--bootstrap",
+            "1",
+            "--out",
+            "o",
+        ],
+        &["--bootstrap", "40"],
+    );
+}
+
+#[test]
 fn a_negative_value_is_refused_by_its_own_name() {
     let folder = tempfile::tempdir().unwrap();
     let cloud = folder.path().join("cloud.ply");

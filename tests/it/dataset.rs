@@ -357,6 +357,49 @@ fn shards_and_their_merge_are_the_whole() {
     assert_eq!(wrong.status.code(), Some(2));
 }
 
+/// Every way to fail before anything is written, with leave to replace.
+#[test]
+fn a_failing_run_leaves_a_finished_set_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), &[]);
+    let before = files_in(folder.path());
+    let behind = folder.path().join("behind.obj");
+    write(&behind, "v 0 0 900\nv 1 0 900\nv 0 1 900\nf 1 2 3\n");
+    let unseen = ["--force", "--mesh", text(&behind)];
+    for more in [
+        &["--force", "--jpeg-quality", "0"][..],
+        &["--force", "--samples", "3"],
+        &["--force", "--range-margin=-1"],
+        &["--force", "--merge", "--jpeg-quality", "50"],
+        &unseen,
+    ] {
+        let output = generate(folder.path(), more);
+        assert_eq!(
+            output.status.code(),
+            Some(2),
+            "{more:?} {}",
+            stderr(&output)
+        );
+        let mut after = files_in(folder.path());
+        after.remove(Path::new("behind.obj"));
+        assert_eq!(
+            after.keys().collect::<Vec<_>>(),
+            before.keys().collect::<Vec<_>>(),
+            "{more:?}"
+        );
+        assert!(after == before, "{more:?}");
+    }
+    let output = generate(
+        folder.path(),
+        &["--jpeg-quality", "50", "--mesh", "nowhere.obj"],
+    );
+    let said = stderr(&output);
+    assert!(
+        said.contains("already exists"),
+        "before anything is read: {said}"
+    );
+}
+
 #[test]
 fn a_manifest_goes_on_after_a_scene_that_fails() {
     let folder = tempfile::tempdir().unwrap();

@@ -13,7 +13,7 @@ use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
 use mvs_eval::fuse::{FuseMode, FuseOptions, Sampling, Visibility};
 use mvs_eval::jobs::Context;
 use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
-use mvs_eval::jobs::fuse::{FuseJob, FuseOutcome, Properties, run};
+use mvs_eval::jobs::fuse::{FuseJob, FuseOutcome, Properties, check_used, run};
 use mvs_eval::parallel::with_threads;
 use mvs_eval::progress::Silent;
 use mvs_eval::score::FinitePoints;

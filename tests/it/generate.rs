@@ -303,7 +303,7 @@ fn a_view_without_surface_in_one_of_the_sets_is_left_out_of_all() {
     let warnings = Warnings::default();
     let options = draft();
     let work = (&targets[..], Part::All);
-    let sets = generate_sets(&source, work, &options, &Silent, &warnings).unwrap();
+    let sets = generate_sets(&source, work, &options, &mut |_| {}, &Silent, &warnings).unwrap();
     for set in sets {
         let scene = set.scene.unwrap();
         assert_eq!(scene.left_out.len(), 1, "{:?}", scene.left_out);

@@ -264,6 +264,43 @@ fn two_records_for_one_cell_are_refused() {
     );
 }
 
+#[test]
+fn records_for_one_cell_name_their_files_and_a_bad_picture_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for (name, fscore) in [("one", 0.5), ("two", 0.6)] {
+        let records = [record("a", "Barn", fscore)];
+        let path = at(name).join("scores.csv");
+        write_atomically(&path, |out| mvs_eval::report::record::write(out, &records)).unwrap();
+    }
+    let (one, two, out) = (at("one"), at("two"), at("out"));
+    let output = mvs_eval(&["report", arg(&one), arg(&two), "--out", arg(&out)]);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    for part in [
+        "one/scores.csv and ",
+        "two/scores.csv: ",
+        "two for a on Barn at threshold 0.01",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    let picture = at("picture.png");
+    write_atomically(&picture, |out| out.write_all(b"no picture")).unwrap();
+    let arguments = [
+        "report",
+        arg(&one),
+        "--picture",
+        arg(&picture),
+        "--out",
+        arg(&out),
+    ];
+    let output = mvs_eval(&arguments);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(!out.join("leaderboard.csv").exists() && !out.join("results.csv").exists());
+    let output = mvs_eval(&["report", arg(&one), "--into", "README.md"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+}
+
 /// A page with everything on it, made of a synthetic scene whose sampled surface is moved by known
 /// amounts.
 fn page() -> String {

@@ -78,6 +78,7 @@ pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> 
         CameraSource::Transforms => (read_transforms(&path, options)?, Vec::new()),
         CameraSource::Log => read_log(&path, options)?,
     };
+    notes.extend(unused(source, options));
     for (other, place) in found {
         notes.push(format!(
             "took {source:?}; {} holds {other:?} too",
@@ -89,6 +90,28 @@ pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> 
         source,
         path,
         notes,
+    })
+}
+
+/// Says which options give what the files have themselves.
+fn unused(source: CameraSource, options: &CamerasOptions) -> Option<String> {
+    let has_size = source == CameraSource::Colmap;
+    let has_lens = has_size || source == CameraSource::Cams;
+    let given = [
+        (has_size && options.size.is_some(), "image size"),
+        (has_lens && options.focal.is_some(), "focal length"),
+        (has_lens && options.center.is_some(), "principal point"),
+    ];
+    let unused: Vec<&str> = given
+        .iter()
+        .filter(|(unused, _)| *unused)
+        .map(|(_, what)| *what)
+        .collect();
+    (!unused.is_empty()).then(|| {
+        format!(
+            "the given {} counts for nothing: {source:?} files have their own",
+            unused.join(" and ")
+        )
     })
 }
 

@@ -10,10 +10,17 @@ use std::path::{Path, PathBuf};
 /// Numbers written at a time.
 const PIECE: usize = 1 << 16;
 
-/// A folder of little-endian f32 arrays, removed with everything in it when dropped.
+/// What the names of scratch folders begin with.
+const PREFIX: &str = ".mvs-eval-scratch-";
+/// The file in each that its run holds locked: the system lets go of it when the run ends, however.
+const LOCK: &str = "lock";
+
+/// A folder of little-endian f32 arrays, removed with everything in it when dropped. What a run that was
+/// killed has left is removed by the next one beside it.
 #[derive(Debug)]
 pub struct ScratchFolder {
     folder: tempfile::TempDir,
+    _lock: File,
 }
 
 impl ScratchFolder {
@@ -24,11 +31,13 @@ impl ScratchFolder {
             .filter(|parent| !parent.as_os_str().is_empty());
         let parent = parent.unwrap_or(Path::new("."));
         std::fs::create_dir_all(parent).map_err(Error::io(parent, "create the folder"))?;
+        remove_left(parent);
         let folder = tempfile::Builder::new()
-            .prefix(".mvs-eval-scratch-")
+            .prefix(PREFIX)
             .tempdir_in(parent)
             .map_err(Error::io(parent, "create a folder in"))?;
-        Ok(Self { folder })
+        let _lock = locked(folder.path()).map_err(Error::io(folder.path(), "lock a file in"))?;
+        Ok(Self { folder, _lock })
     }
 
     /// The folder, where other files of the run may lie too.
@@ -88,6 +97,27 @@ impl ScratchFolder {
     }
 }
 
+/// A locked file in the folder, which has its name only once it is locked.
+fn locked(folder: &Path) -> std::io::Result<File> {
+    let before = folder.join("lock.new");
+    let file = File::options().write(true).create_new(true).open(&before)?;
+    // Where files cannot be locked, what a killed run leaves stays.
+    let _ = file.try_lock();
+    std::fs::rename(before, folder.join(LOCK))?;
+    Ok(file)
+}
+
+/// Removes the scratch folders in `parent` whose runs have ended. What cannot be removed stays.
+fn remove_left(parent: &Path) {
+    let entries = std::fs::read_dir(parent).into_iter().flatten().flatten();
+    for entry in entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(PREFIX)) {
+        let lock = File::options().write(true).open(entry.path().join(LOCK));
+        if lock.is_ok_and(|file| file.try_lock().is_ok()) {
+            let _ = std::fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,6 +134,20 @@ mod tests {
         assert!(scratch.fetch_part(3, 1..4, &mut part).is_err());
         scratch.discard(3).unwrap();
         assert!(scratch.fetch(3).is_err());
+        // Another run beside it leaves it alone, and removes what one that was killed has left.
+        let left = parent.path().join(format!("{PREFIX}killed"));
+        std::fs::create_dir(&left).unwrap();
+        let put = |name: &str| {
+            files::write_atomically(&left.join(name), |out| out.write_all(&[0; 8])).unwrap();
+        };
+        put("7.f32");
+        drop(ScratchFolder::beside(&parent.path().join("other.ply")).unwrap());
+        assert!(left.exists(), "without a lock nothing is known of it");
+        put(LOCK);
+        drop(ScratchFolder::beside(&parent.path().join("other.ply")).unwrap());
+        assert!(!left.exists());
+        scratch.store(4, &[2.5]).unwrap();
+        assert_eq!(scratch.fetch(4).unwrap(), [2.5]);
         drop(scratch);
         assert_eq!(std::fs::read_dir(parent.path()).unwrap().count(), 0);
     }

@@ -12,12 +12,13 @@ use super::report::{self, ReportJob};
 use super::score::{self, ScoreJob};
 use super::{Context, OutDir};
 use crate::config::Size;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::fuse::FuseOptions;
 use crate::generate::{Extra, GenerateOptions, Part};
 use crate::provenance::Run;
 use inputs::Inputs;
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
+use mvs_metrics::Tolerance;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -76,6 +77,7 @@ pub struct DemoOutcome {
 
 /// Makes the scene, generates, fuses, scores and reports.
 pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
+    Tolerance::new(job.tau).map_err(|error| Error::invalid("--tau", error.to_string()))?;
     let out = OutDir::create_again(&job.out, Run::new("demo", job, &[])?, context.force)?;
     // Everything below writes into this folder, which is ours to replace.
     let context = &Context {

@@ -33,6 +33,7 @@ pub(super) fn entries(job: &FuseJob, context: &Context<'_>) -> Result<Vec<Entry>
     let entries = present.iter().map(entry).collect::<Result<Vec<_>>>()?;
     sizes.warn(present.len(), context);
     warn_of_repeats(&scene, context);
+    warn_of_no_pairs(job, &scene, context);
     warn_of_ranges(job, &entries, context);
     Ok(entries)
 }
@@ -90,15 +91,17 @@ fn entry(
             .collect(),
         number: u32::try_from(index).unwrap_or(u32::MAX),
         encoding: Encoding::Pfm,
-        depth,
         normals: None,
         confidence: job.confidence_paths(view.id),
         mask: mask.transpose()?,
         image,
         view: View {
-            camera: camera.resized(size.0, size.1)?,
+            camera: camera
+                .resized(size.0, size.1)
+                .map_err(|error| Error::invalid(depth.display().to_string(), error.to_string()))?,
             ..view.clone()
         },
+        depth,
     })
 }
 
@@ -106,6 +109,19 @@ fn entry(
 fn image_of(scene: &Path, id: u32) -> Option<PathBuf> {
     let beside = scene.parent().filter(|_| scene.ends_with("cams"));
     find_image(scene, id).or_else(|| find_image(beside?, id))
+}
+
+/// Without any source views nothing can agree.
+fn warn_of_no_pairs(job: &FuseJob, scene: &Scene, context: &Context<'_>) {
+    let count = scene.views().len();
+    if count > 1 && (0..count).all(|index| scene.sources_of(index).is_empty()) {
+        let message = format!(
+            "{}: expected a pair.txt that lists source views, here or in cams/, found none: mvs-eval \
+             pairs writes one from a COLMAP model",
+            job.scene.display()
+        );
+        context.warnings.add("no-pairs", message);
+    }
 }
 
 /// A source that is listed twice is one view, and counts once.

@@ -2,7 +2,7 @@
 
 use super::{FuseJob, cams, workspace};
 use crate::error::{Error, Result};
-use crate::fuse::{DepthMaps, Scratch, put_parts, take_rows};
+use crate::fuse::{DepthMaps, FuseCounts, Scratch, put_parts, take_rows};
 use crate::jobs::Context;
 use crate::provenance::Inputs;
 use crate::warning::Warnings;
@@ -22,6 +22,12 @@ use std::sync::Arc;
 
 /// Folders in which images of a scene are looked for, relative to it.
 const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
+
+/// One in so many depths that became points is next to nothing.
+const FEW: u64 = 100;
+
+/// Depths beyond so many times their range are of other units.
+const FAR: f64 = 10.0;
 
 /// The views of a scene that have a depth map.
 pub(super) struct FolderMaps<'a> {
@@ -318,6 +324,43 @@ impl FolderMaps<'_> {
             rejected.negative
         );
         self.warnings.add("bad-depth", message);
+    }
+
+    /// Where next to nothing was fused: says so if the depths of the first view with a depth range lie
+    /// far outside of it, as those in other units do.
+    pub(super) fn warn_of_units(&self, counts: &FuseCounts) -> Result<()> {
+        if FEW * (counts.fused + counts.merged) > counts.pixels - counts.empty {
+            return Ok(());
+        }
+        let has_range = |entry: &Entry| entry.view.depth_range.is_some();
+        let Some(index) = self.entries.iter().position(has_range) else {
+            return Ok(());
+        };
+        let view = &self.entries[index].view;
+        let depth = self.depth(index)?;
+        let mut depths: Vec<f32> = depth
+            .raster()
+            .values()
+            .iter()
+            .copied()
+            .filter(|&z| z > 0.0)
+            .collect();
+        let (Some(range), false) = (view.depth_range, depths.is_empty()) else {
+            return Ok(());
+        };
+        let middle = depths.len() / 2;
+        let median = f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1);
+        if median * FAR < range.min() || median > range.max() * FAR {
+            let message = format!(
+                "next to nothing was fused, and the median depth of view {} is {median} where its cam.txt \
+                 states {} to {}: are the depth maps in the cameras' units?",
+                view.id,
+                range.min(),
+                range.max()
+            );
+            self.warnings.add("depth-units", message);
+        }
+        Ok(())
     }
 
     /// The place among all views of the scene of the view number `index`.

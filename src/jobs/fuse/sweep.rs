@@ -4,7 +4,8 @@
 use super::maps::FolderMaps;
 use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
-use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, Points, fuse_maps};
+use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
+use crate::jobs::out::remove_if_there;
 use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
@@ -106,6 +107,7 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
             .zip(scores.iter().copied().reduce(f64::max)),
         rows,
     };
+    remove_if_there(&run_file)?; // it comes back last
     files::write_atomically(&job.out, |out| write_csv(out, &outcome.rows))?;
     Run::of("sweep", job, &folder.inputs)?.write(&run_file)?;
     Ok(outcome)
@@ -195,8 +197,8 @@ impl Varied {
         let mode = job.fuse.mode;
         Self {
             confidence: !job.confidence.is_empty() && job.fuse.confidence_quantile == 0.0,
-            sources: mode != FuseMode::Dynamic,
-            pixels: !matches!(mode, FuseMode::Dynamic | FuseMode::Gipuma),
+            sources: mode.asks_for("min_sources"),
+            pixels: mode.asks_for("max_pixel_error"),
         }
     }
 }

@@ -108,10 +108,13 @@ fn entry(
         confidence: job.confidence_paths(view.id),
         mask: mask.transpose()?,
         image: existing(workspace.image(&view.name)),
-        depth,
         view: View {
-            camera: view.camera.resized(width, height)?,
+            camera: view
+                .camera
+                .resized(width, height)
+                .map_err(|error| Error::invalid(depth.display().to_string(), error.to_string()))?,
             ..view.clone()
         },
+        depth,
     })
 }

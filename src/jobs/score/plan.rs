@@ -107,10 +107,21 @@ impl Plan {
     }
 }
 
+/// Resamples of which one lies beyond either end of a 95 % interval.
+const MIN_RESAMPLES: u32 = 40;
+
 /// Says which options are missing or do not go together.
 fn check_options(job: &ScoreJob) -> Result<()> {
     if let Some(name) = &job.name {
         check_name(name)?;
+    }
+    if job.bootstrap > 0 && job.bootstrap < MIN_RESAMPLES {
+        let problem = format!(
+            "expected at least {MIN_RESAMPLES} resamples, of which the interval's ends are quantiles, \
+             found {}",
+            job.bootstrap
+        );
+        return Err(Error::invalid("--bootstrap", problem));
     }
     if job.methods.is_some() {
         return Err(Error::invalid(

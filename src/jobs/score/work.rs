@@ -267,7 +267,11 @@ impl<'a> Work<'a> {
     /// Whether the clouds, once moved, lie where they should.
     fn gates_of_place(&self, evaluation: &Evaluation, boxes: &Boxes) -> Result<Vec<Gate>> {
         Ok(vec![
-            gates::of_crop(evaluation, &boxes.moved, &boxes.truth),
+            gates::of_crop(
+                evaluation,
+                (&boxes.moved, &boxes.truth),
+                self.job.trajectory.is_some(),
+            ),
             gates::of_tolerances(evaluation, self.plan.tolerances[0])?,
         ])
     }

@@ -129,7 +129,7 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
         let message = "this system does not tell CPU times; wall-clock times are written instead";
         context.warnings.add("wall-clock", message.to_owned());
     }
-    let mut rows = score::run(job, context.progress)?;
+    let mut rows = score::run(job, context)?;
     rows.extend(fuse::run(job, context)?);
     rows.extend(render::run(job, context)?);
     rows.extend(blend::run(job, context.progress)?);

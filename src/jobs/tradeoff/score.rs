@@ -5,7 +5,7 @@ use super::TradeoffJob;
 use super::clock;
 use super::rows::{Measured, Row, rows};
 use crate::error::Result;
-use crate::progress::Progress;
+use crate::jobs::Context;
 use crate::score::plain::{self, Preparation};
 use crate::score::points::{FinitePoints, prism};
 use glam::{DMat4, DVec3};
@@ -78,7 +78,7 @@ fn settings() -> Vec<(&'static str, String, Setting)> {
 }
 
 /// Measures every setting: preparing both clouds and the distances both ways.
-pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>> {
+pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     let (Some(truth), Some(reconstruction)) = (&job.truth, &job.reconstruction) else {
         return Ok(Vec::new());
     };
@@ -100,7 +100,15 @@ pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>
         },
         tolerance: Tolerance::new(job.tau)?,
     };
-    let settings = settings();
+    for (points, path) in [(&pair.truth, truth), (&pair.reconstruction, reconstruction)] {
+        if points.non_finite() > 0 {
+            let (dropped, all, path) = (points.non_finite(), points.input(), path.display());
+            let message =
+                format!("{path}: {dropped} of {all} points at NaN or infinity are left out");
+            context.warnings.add("non-finite-points", message);
+        }
+    }
+    let (settings, progress) = (settings(), context.progress);
     progress.begin("score settings", settings.len() as u64);
     let mut measured = Vec::new();
     for (knob, name, setting) in settings {

@@ -192,8 +192,8 @@ fn crop_gate(reconstruction: &FinitePoints) -> Gate {
     let evaluation = compared(reconstruction, true);
     of_crop(
         &evaluation,
-        &bounds(reconstruction),
-        &bounds(&surface(DVec3::ZERO, 0.0)),
+        (&bounds(reconstruction), &bounds(&surface(DVec3::ZERO, 0.0))),
+        false,
     )
 }
 
@@ -215,6 +215,26 @@ fn a_crop_that_keeps_nothing_names_boxes_and_units() {
         let gate = crop_gate(&FinitePoints::new(points));
         assert!(!gate.passed && gate.message.contains(unit), "{gate:?}");
     }
+    // No unit is like that.
+    let points = surface(DVec3::new(120.0, 3.0, 3.0), 0.0);
+    let points = points.positions().iter().map(|&p| p * 1e5).collect();
+    let gate = crop_gate(&FinitePoints::new(points));
+    assert!(!gate.passed && !gate.message.contains("units"), "{gate:?}");
+}
+
+#[test]
+fn cameras_in_one_point_suggest_no_scale() {
+    let cameras = CameraFit {
+        scale_ratio: f64::NAN,
+        ..cameras(100, 100)
+    };
+    let gates = of_cameras(&cameras, 0.2);
+    assert_eq!(failed(&gates), ["implausible-scale"]);
+    let message = gate(&gates, "implausible-scale").message;
+    assert!(
+        message.contains("lie in one point") && !message.contains("NaN"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -191,6 +191,102 @@ fn what_is_missing_is_said() {
     refused(&job, &["--depths"]);
 }
 
+/// What `asks_for` denies changes no byte, and what it affirms some.
+#[test]
+fn options_that_a_mode_does_not_ask_for_are_refused_and_change_nothing() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    type Change = (&'static str, fn(&mut FuseOptions));
+    let changes: [Change; 5] = [
+        ("visibility", |options| {
+            options.visibility = Visibility::None;
+        }),
+        ("sampling", |options| {
+            options.sampling = match options.sampling {
+                Sampling::Plain => Sampling::Valid,
+                Sampling::Valid => Sampling::Plain,
+            };
+        }),
+        ("max_pixel_error", |options| options.max_pixel_error = 0.3),
+        ("max_depth_error", |options| options.max_depth_error = 1e-3),
+        ("min_sources", |options| options.min_sources = 6),
+    ];
+    // Points without the header, which states every option.
+    let points = |job: &FuseJob| {
+        fuse(job, true).unwrap();
+        let bytes = std::fs::read(&job.out).unwrap();
+        let end = bytes.windows(11).position(|part| part == b"end_header\n");
+        bytes[end.unwrap()..].to_vec()
+    };
+    for mode in [
+        FuseMode::Hkust,
+        FuseMode::Geo,
+        FuseMode::Dynamic,
+        FuseMode::Gipuma,
+        FuseMode::Cluster,
+    ] {
+        job.fuse = FuseOptions::of(mode);
+        let usual = points(&job);
+        for (option, change) in changes {
+            let mut job = job.clone();
+            change(&mut job.fuse);
+            let asked = mode.asks_for(option);
+            assert_eq!(points(&job) != usual, asked, "{mode:?} {option}");
+            let refused = check_used(&job, &[option]).map_err(|error| error.to_string());
+            assert_eq!(refused.is_ok(), asked, "{mode:?} {option} {refused:?}");
+        }
+    }
+    job.fuse = FuseOptions::default();
+    assert!(check_used(&job, &["min_confidence"]).is_ok());
+    job.confidence.clear();
+    let error = check_used(&job, &["min_confidence"])
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with("--min-confidence: needs --confidence"),
+        "{error}"
+    );
+}
+
+#[test]
+fn depths_in_other_units_and_missing_pairs_are_said() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    for view in scene.scene().views() {
+        let path = job.depths.join(mvsnet::file_name(view.id, ".pfm"));
+        let millimetres = files::read_raster(&path)
+            .unwrap()
+            .map(|depth| 1000.0 * depth);
+        files::write_atomically(&path, |out| pfm::write_gray(out, &millimetres)).unwrap();
+    }
+    let (outcome, warned) = codes(&job);
+    assert!(outcome.is_err() || outcome.unwrap().points < 1000);
+    assert_eq!(warned, ["depth-units"]);
+    std::fs::remove_file(folder.path().join("cams/pair.txt")).unwrap();
+    let (outcome, warned) = codes(&job);
+    assert!(outcome.is_err());
+    assert!(warned.contains(&"no-pairs".to_owned()), "{warned:?}");
+}
+
+#[test]
+fn options_of_workspaces_do_not_go_with_cams_and_a_failing_run_keeps_the_result_before_it() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    job.stereo = StereoPass::Photometric;
+    refused(&job, &["--stereo", "workspace"]);
+    job.stereo = StereoPass::Geometric;
+    fuse(&job, false).unwrap();
+    let files = ["cloud.ply", "cloud.json", "cloud.run.toml"];
+    let contents = || files.map(|name| std::fs::read(folder.path().join(name)).unwrap());
+    let before = contents();
+    job.fuse.bounds = Some([[1e6; 3], [1e6 + 1.0; 3]]);
+    assert!(fuse(&job, true).is_err());
+    assert_eq!(contents(), before);
+}
+
 #[test]
 fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
     let scene = scene();

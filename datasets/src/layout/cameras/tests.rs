@@ -80,6 +80,29 @@ fn assert_same_views(found: &Scene, expected: &Scene, tolerance: f64) {
 }
 
 #[test]
+fn options_that_the_files_answer_themselves_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        files::write_atomically(&path, |out| std::io::Write::write_all(out, text.as_bytes()))
+            .unwrap();
+    };
+    put("cameras.txt", "1 PINHOLE 40 30 40 40 20 15\n");
+    put("images.txt", "1 1 0 0 0 0 0 0 1 00000000.jpg\n\n");
+    assert!(read(folder.path()).notes.is_empty());
+    let given = CamerasOptions {
+        size: Some((80, 60)),
+        focal: Some(DVec2::splat(9.0)),
+        ..CamerasOptions::default()
+    };
+    let notes = read_scene(folder.path(), &given).unwrap().notes;
+    assert_eq!(
+        notes,
+        ["the given image size and focal length counts for nothing: Colmap files have their own"]
+    );
+}
+
+#[test]
 fn the_real_scene_is_the_same_in_three_descriptions() {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
     let data = std::env::var_os("MVS_EVAL_DATA").map_or_else(|| beside.into(), PathBuf::from);
