@@ -47,12 +47,17 @@ pub(crate) fn past_border<T: Word>(words: &[T], at: usize) -> usize {
 pub(crate) struct Stream {
     /// The thread that writes has to be the one that waits.
     _stays: PhantomData<*const ()>,
+    /// Whether half a cache line can be written at a time.
+    #[cfg(target_arch = "x86_64")]
+    wide: bool,
 }
 
 impl Stream {
-    pub(crate) const fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             _stays: PhantomData,
+            #[cfg(target_arch = "x86_64")]
+            wide: is_x86_feature_detected!("avx"),
         }
     }
 
@@ -62,18 +67,61 @@ impl Stream {
         const { assert!(size_of::<T>() * WORDS == LINE) };
         #[cfg(target_arch = "x86_64")]
         if past_border(to, 0) == 0 && to.len().is_multiple_of(WORDS) && from.len() == to.len() {
-            use std::arch::x86_64::{_mm_loadu_ps, _mm_stream_ps};
-            for (from, to) in from.chunks_exact(4).zip(to.chunks_exact_mut(4)) {
-                // SAFETY: part of every x86-64; both chunks are 16 bytes of numbers for which each pattern
-                // of bits is a value, and the second starts at a multiple of 16 bytes: the first at a
-                // multiple of 64, as was tested, and so on.
-                unsafe {
-                    _mm_stream_ps(to.as_mut_ptr().cast(), _mm_loadu_ps(from.as_ptr().cast()));
+            // SAFETY: where `to` begins was tested, and whether the processor has AVX was asked.
+            unsafe {
+                if self.wide {
+                    copy_halves(from, to);
+                } else {
+                    copy_quarters(from, to);
                 }
             }
             return;
         }
         to.copy_from_slice(from);
+    }
+}
+
+/// Copies whole cache lines half a line at a time: in half the time that quarters take, where the memory is
+/// what is waited for.
+///
+/// # Safety
+///
+/// `to` begins where a cache line does.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx")]
+#[inline]
+unsafe fn copy_halves<T: Word>(from: &[T], to: &mut [T]) {
+    use std::arch::x86_64::{_mm256_loadu_ps, _mm256_stream_ps};
+    let (from, to) = (from.as_chunks::<8>().0, to.as_chunks_mut::<8>().0);
+    for (from, to) in from.iter().zip(to) {
+        debug_assert!(to.as_ptr().addr() % size_of_val(to) == 0);
+        // SAFETY: both are 32 bytes of numbers for which each pattern of bits is a value, and the second
+        // starts at a multiple of 32 bytes: the first at a multiple of 64, as is promised, and so on.
+        unsafe {
+            let words = _mm256_loadu_ps(from.as_ptr().cast());
+            _mm256_stream_ps(to.as_mut_ptr().cast(), words);
+        }
+    }
+}
+
+/// As [`copy_halves`], on every x86-64.
+///
+/// # Safety
+///
+/// `to` begins where a cache line does.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn copy_quarters<T: Word>(from: &[T], to: &mut [T]) {
+    use std::arch::x86_64::{_mm_loadu_ps, _mm_stream_ps};
+    let (from, to) = (from.as_chunks::<4>().0, to.as_chunks_mut::<4>().0);
+    for (from, to) in from.iter().zip(to) {
+        debug_assert!(to.as_ptr().addr() % size_of_val(to) == 0);
+        // SAFETY: part of every x86-64; both are 16 bytes of numbers for which each pattern of bits is a
+        // value, and the second starts at a multiple of 16 bytes, as in `copy_halves`.
+        unsafe {
+            let words = _mm_loadu_ps(from.as_ptr().cast());
+            _mm_stream_ps(to.as_mut_ptr().cast(), words);
+        }
     }
 }
 
@@ -83,6 +131,30 @@ impl Drop for Stream {
         // SAFETY: part of every x86-64; it takes nothing.
         unsafe {
             std::arch::x86_64::_mm_sfence();
+        }
+    }
+}
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_arrive_whatever_is_written_at_a_time() {
+        let words: Vec<u32> = (0..500).collect();
+        for wide in [false, is_x86_feature_detected!("avx")] {
+            let mut memory = vec![u32::MAX; 200];
+            let first = (WORDS - past_border(&memory, 0)) % WORDS;
+            let stream = Stream {
+                wide,
+                ..Stream::new()
+            };
+            let lines = 7 * WORDS;
+            stream.copy(&words[3..][..lines], &mut memory[first..][..lines]);
+            drop(stream);
+            assert_eq!(memory[first..][..lines], words[3..][..lines]);
+            let beside = memory[..first].iter().chain(&memory[first + lines..]);
+            assert!(beside.into_iter().all(|&word| word == u32::MAX));
         }
     }
 }
