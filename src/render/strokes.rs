@@ -174,9 +174,7 @@ impl<V: Copy> Pen<V> {
     ) {
         let least = l.min(l.min(at[0], at[1]), at[2]);
         let beside = l.below(least, self.below);
-        if l.bits(beside) == ALL {
-            return;
-        }
+        // Whether all lie beside it cannot be foreseen: nothing branches on it.
         let near = weighted(l, at, self.nearness);
         let inside = l.below(self.doubt, least);
         offer_lanes(l, brush, (index, triangle, near), (inside, beside));
