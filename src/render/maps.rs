@@ -1,7 +1,8 @@
 //! Exact maps of what is visible at pixel centres, without colours.
 //!
 //! As soon as a tile's visibility is known, its triangles are set up in f64 ([`super::planes`]), each
-//! once, and a pixel costs a few products and one division. A depth that lies so close to the border
+//! once, and a pixel costs a few products and one division; where nearly every pixel sees a triangle of its
+//! own, that is worked out at the pixel alone ([`super::dots`]). A depth that lies so close to the border
 //! between two f32 that this could round to the other one is worked out by the exact test.
 
 #![allow(
@@ -12,11 +13,11 @@
 use super::Seen;
 use super::clusters::Clusters;
 use super::eye::Eye;
-use super::lanes::{LANES, Lanes, Task, dispatch};
+use super::lanes::{Lanes, Task, dispatch};
 use super::lens::Place;
 use super::pages::{Maps, Row, Waiting};
 use super::planes::{Fresh, Pending, Plane, Window};
-use super::row::{Cross, Line};
+use super::row::{Cross, Line, starts};
 use super::scan::scan;
 use super::surface::Frame;
 use super::tile::{NONE, SIZE, Tile};
@@ -35,10 +36,10 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
     let eye = Eye::new(*frame, 1);
     seen.resize(width * height);
     let mut bands = Maps::of(seen).cut(width * SIZE);
-    parallel::for_each_chunk(&mut bands, 1, |band, maps| {
+    parallel::for_each_chunk_with((&mut bands, 1), Resolver::new, |resolver, band, maps| {
         let row = band * SIZE;
         let rows = SIZE.min(height - row);
-        let (mut resolver, mut waiting) = (Resolver::new(), Waiting::new());
+        let mut waiting = Waiting::new();
         for column in (0..width).step_by(SIZE) {
             let place = Place {
                 eye: &eye,
@@ -66,37 +67,51 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
 /// Slots of the memory of triangles that have been met; one more is for none.
 const SLOTS: usize = 512;
 
+/// Runs in a row of pixels above which its pixels are worked out one by one.
+const OWN_RUNS: u32 = 46;
+
 /// Most runs of pixels in rows that are worked out together.
 const RUNS: usize = ROWS * SIZE;
 
 /// What is worked out about a tile.
 pub(crate) struct Resolver {
     /// Triangles met in the present rows for the first time, and how many.
-    pending: [Pending; RUNS + 1],
+    pub(super) pending: [Pending; RUNS + 1],
     waiting: usize,
+    /// The first stands for none, and how many have been set up, it included.
     planes: Vec<Plane>,
+    set_up: usize,
     /// Triangles met of late, by their number, with their place in `planes`.
     met: [(u32, u32); SLOTS + 1],
-    fresh: Fresh,
+    pub(super) fresh: Fresh,
     /// Places in `planes` of the runs of pixels that see one triangle.
     runs: [u32; RUNS],
     /// In each row: the first pixels of runs as bits, and the number of its first run.
-    rows: [(u64, usize); ROWS],
+    pub(super) rows: [(u64, usize); ROWS],
+    /// As [`OWN_RUNS`].
+    own_runs: u32,
+    /// The rows of the tile up to which triangles, and vertices, have been asked for.
+    pub(super) asked: [usize; 2],
     /// x of the directions of the tile's columns, as it is and counted from the first.
-    x: [f64; SIZE],
+    pub(super) x: [f64; SIZE],
     from_first: [f64; SIZE],
 }
 
 impl Resolver {
     pub(crate) fn new() -> Self {
+        let mut planes = Vec::with_capacity(SIZE * SIZE + 1 + SIZE);
+        planes.push(Plane::NONE);
         Self {
             pending: [Pending::NONE; RUNS + 1],
             waiting: 0,
-            planes: Vec::with_capacity(SIZE * SIZE + 1),
+            planes,
+            set_up: 1,
             met: [(NONE, 0); SLOTS + 1],
             fresh: Fresh::new(),
             runs: [0; RUNS],
             rows: [(0, 0); ROWS],
+            own_runs: OWN_RUNS,
+            asked: [0; 2],
             x: [0.0; SIZE],
             from_first: [0.0; SIZE],
         }
@@ -123,9 +138,9 @@ impl Resolver {
         (columns, rows): (usize, usize),
         put: impl FnMut(&mut Line, usize),
     ) {
-        self.planes.clear();
-        self.planes.push(Plane::NONE);
+        self.set_up = 1;
         self.met = [(NONE, 0); SLOTS + 1];
+        self.asked = [0; 2];
         let first = place.eye.direction(place.column, place.row);
         let last = place.eye.direction(place.column + SIZE, place.row + SIZE);
         let window = Window {
@@ -150,15 +165,15 @@ impl Resolver {
 }
 
 /// A tile of the maps.
-struct Sheet<'s, P> {
-    resolver: &'s mut Resolver,
-    place: &'s Place<'s>,
-    window: &'s Window,
-    tile: &'s Tile,
+pub(super) struct Sheet<'s, P> {
+    pub(super) resolver: &'s mut Resolver,
+    pub(super) place: &'s Place<'s>,
+    pub(super) window: &'s Window,
+    pub(super) tile: &'s Tile,
     /// Used columns and rows.
     size: (usize, usize),
     /// As for [`Resolver::resolve`].
-    put: P,
+    pub(super) put: P,
 }
 
 impl<P: FnMut(&mut Line, usize)> Task for Sheet<'_, P> {
@@ -170,7 +185,11 @@ impl<P: FnMut(&mut Line, usize)> Task for Sheet<'_, P> {
         let mut line = Line::NONE;
         for top in (0..rows).step_by(ROWS) {
             let count = ROWS.min(rows - top);
-            self.find_runs(l, top, count);
+            if self.find_starts(l, top, count) {
+                self.dot(l, (top, count), &mut line);
+                continue;
+            }
+            self.find_runs(top, count);
             self.set_up(l);
             for row in 0..count {
                 self.cross(l, (top, row), &mut line);
@@ -181,23 +200,47 @@ impl<P: FnMut(&mut Line, usize)> Task for Sheet<'_, P> {
 }
 
 impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
-    fn y(&self, row: usize) -> f64 {
+    pub(super) fn y(&self, row: usize) -> f64 {
         let place = self.place;
         place.eye.direction(place.column, place.row + row).y
+    }
+
+    /// Finds where runs begin in some rows. Answers whether nearly every pixel sees a triangle of its own.
+    #[inline(always)]
+    fn find_starts<L: Lanes>(&mut self, l: L, top: usize, count: usize) -> bool {
+        let mut runs = 0;
+        for row in 0..count {
+            let ids = self.tile.row(top + row, SIZE);
+            let starts = starts(l, ids);
+            self.resolver.rows[row % ROWS] = (starts, 0);
+            runs += starts.count_ones();
+        }
+        runs > self.resolver.own_runs * count as u32
+    }
+
+    /// Has the exact test decide some pixels of a row.
+    #[inline(always)]
+    pub(super) fn settle(&self, mut doubtful: u64, y: f64, line: &mut Line) {
+        while doubtful != 0 {
+            let column = doubtful.trailing_zeros() as usize % SIZE;
+            doubtful &= doubtful - 1;
+            let direction = DVec3::new(self.resolver.x[column], y, 1.0);
+            settle(&self.place.eye.frame, direction, (line, column));
+        }
     }
 
     /// Finds the runs in some rows, and the triangles that are met for the first time: nothing branches on
     /// which these are, which cannot be foreseen.
     #[inline(always)]
-    fn find_runs<L: Lanes>(&mut self, l: L, top: usize, count: usize) {
+    fn find_runs(&mut self, top: usize, count: usize) {
         let triangles = self.place.eye.frame.mesh().triangles();
         let (mut runs, mut waiting) = (0, 0);
         for row in 0..count {
             let (ids, y) = (self.tile.row(top + row, SIZE), self.y(top + row));
             let resolver = &mut *self.resolver;
             #[allow(clippy::cast_possible_truncation, reason = "at most 4097")]
-            let planes = resolver.planes.len() as u32;
-            let starts = starts(l, ids);
+            let planes = resolver.set_up as u32;
+            let (starts, _) = resolver.rows[row % ROWS];
             resolver.rows[row % ROWS] = (starts, runs);
             let mut left = starts;
             while left != 0 {
@@ -222,6 +265,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
             }
         }
         self.resolver.waiting = waiting;
+        self.resolver.asked[1] = 0;
     }
 
     /// Sets up triangles met for the first time: all vertices are asked for before the first is needed.
@@ -234,6 +278,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
             waiting,
             fresh,
             planes,
+            set_up,
             ..
         } = &mut *self.resolver;
         for triangle in &mut pending[..*waiting] {
@@ -243,10 +288,10 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
             }
         }
         for pending in pending[..*waiting].chunks(SIZE) {
-            fresh.load(frame, pending);
-            fresh.turn(&frame.rotation(), frame.center_in_cam());
-            fresh.set_up(self.window);
-            fresh.put(l, planes);
+            fresh.load(l, frame, pending);
+            fresh.set_up::<true>(self.window);
+            fresh.put(l, (planes, *set_up));
+            *set_up += pending.len();
         }
     }
 
@@ -268,13 +313,8 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
             runs: &resolver.runs,
             row: (starts, first),
         };
-        let mut doubtful = cross.write(l, line);
-        while doubtful != 0 {
-            let column = doubtful.trailing_zeros() as usize;
-            doubtful &= doubtful - 1;
-            let direction = DVec3::new(resolver.x[column], y, 1.0);
-            settle(&self.place.eye.frame, direction, (line, column));
-        }
+        let doubtful = cross.write(l, line);
+        self.settle(doubtful, y, line);
     }
 }
 
@@ -295,22 +335,62 @@ fn settle(frame: &Frame<'_>, direction: DVec3, (line, column): (&mut Line, usize
     }
 }
 
-/// The pixels of a row that see another triangle than the one before, as bits.
-#[inline(always)]
-pub(super) fn starts<L: Lanes>(l: L, ids: &[u32]) -> u64 {
-    let mut shifted = [0; SIZE];
-    let mut here = [0; SIZE];
-    here.copy_from_slice(ids);
-    shifted[1..].copy_from_slice(&ids[..SIZE - 1]);
-    shifted[0] = !ids[0];
-    let mut bits = 0;
-    let pairs = here
-        .as_chunks::<LANES>()
-        .0
-        .iter()
-        .zip(shifted.as_chunks().0);
-    for (index, (here, before)) in pairs.enumerate() {
-        bits |= u64::from(l.differ(here, before)) << (LANES * index);
+#[cfg(test)]
+mod tests {
+    use super::super::scan::scan;
+    use super::super::widths::shapes::{soup, terrain};
+    use super::*;
+    use glam::DVec2;
+    use mvs_datasets::scene::{Camera, Pose, View};
+
+    /// A tile's maps, with planes where a row has at most so many runs.
+    fn maps((place, tile): (&Place<'_>, &Tile), own_runs: u32) -> Seen {
+        let (mut resolver, mut seen) = (Resolver::new(), Seen::default());
+        resolver.own_runs = own_runs;
+        resolver.resolve_tile((place, tile), (60, 50), &mut seen);
+        seen
     }
-    bits
+
+    #[test]
+    fn pixel_by_pixel_is_what_planes_give() {
+        let (mut weights, mut moved, mut blank) = (0, 0, 0);
+        for mesh in [terrain(300), terrain(20), soup(3000, 6)] {
+            let eye = DVec3::new(0.3, -0.7, 0.6).normalize() * 2.5;
+            let view = View {
+                id: 0,
+                name: String::new(),
+                camera: Camera::new(60, 50, DVec2::splat(55.0), DVec2::new(31.0, 24.0)).unwrap(),
+                pose: Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0)).unwrap(),
+                depth_range: None,
+            };
+            let center = mesh.bounds().center();
+            let eye = Eye::new(Frame::new(&mesh, center, &view), 1);
+            let place = Place {
+                eye: &eye,
+                column: 0,
+                row: 0,
+            };
+            let tile = scan(&Clusters::new(&mesh, center), (&place, None), (60, 50));
+            let (dots, planes) = (
+                maps((&place, &tile), 0),
+                maps((&place, &tile), u32::MAX / 64),
+            );
+            assert_eq!(dots.triangles, planes.triangles);
+            let bits = |depth: &[f32]| depth.iter().map(|z| z.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&dots.depth), bits(&planes.depth));
+            assert_eq!(dots.normals, planes.normals);
+            blank += dots.depth.iter().filter(|&&z| z == 0.0).count();
+            let both = dots.weights.as_flattened().iter();
+            for (a, b) in both.zip(planes.weights.as_flattened()) {
+                // As far apart as two roundings of one number.
+                assert!((a - b).abs() <= f32::EPSILON * b.abs().max(1e-6), "{a} {b}");
+                weights += 1;
+                moved += usize::from(a != b);
+            }
+        }
+        assert!(
+            weights == 18_000 && blank > 100 && moved < 5,
+            "{weights} {blank} {moved}"
+        );
+    }
 }

@@ -14,6 +14,7 @@ mod bulk;
 mod bvh;
 mod cluster;
 mod clusters;
+mod dots;
 mod doubles;
 mod doubts;
 mod eye;

@@ -7,8 +7,8 @@
 
 use super::lanes::{Lanes, Task, dispatch};
 use super::look::Look;
-use super::maps::starts;
 use super::picture::Maps;
+use super::row::starts;
 use super::shade::Brushes;
 use super::sight::{Samples, Sight};
 use super::surface::Frame;

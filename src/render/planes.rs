@@ -6,11 +6,12 @@
 //! They are set up where a pixel sees the triangle, as [`super::triangle`] would there.
 
 use super::doubles::FOUR;
-use super::lanes::Lanes;
+use super::lanes::{LANES, Lanes};
+use super::row::{Line, in_doubt};
 use super::surface::Frame;
 use super::tile::{NONE, SIZE};
 use super::triangle::THIN;
-use glam::{DMat3, DVec3};
+use crate::ahead::WORDS;
 
 /// Half the distance from 1 to the next f64.
 const UNIT: f64 = 0.5 * f64::EPSILON;
@@ -88,36 +89,47 @@ impl Fresh {
         }
     }
 
-    /// Takes over some triangles, at most [`SIZE`], with their corners counted from the mesh's centre.
+    /// Takes over some triangles, at most [`SIZE`], with their corners as [`Frame::facet`] has them.
     #[inline(always)]
-    pub(crate) fn load(&mut self, frame: &Frame<'_>, pending: &[Pending]) {
+    pub(crate) fn load<L: Lanes>(&mut self, l: L, frame: &Frame<'_>, pending: &[Pending]) {
         self.count = pending.len().min(SIZE);
-        for (i, triangle) in pending.iter().enumerate().take(SIZE) {
-            self.spots[0][i] = triangle.spot[0];
-            self.spots[1][i] = triangle.spot[1];
-            for corner in 0..3 {
-                let position = frame.offset_of(triangle.vertices[corner]);
-                self.corners[3 * corner][i] = position.x;
-                self.corners[3 * corner + 1][i] = position.y;
-                self.corners[3 * corner + 2][i] = position.z;
-            }
+        let vertices = frame.mesh().vertices();
+        let (rotation, center) = (frame.rotation().to_cols_array(), frame.center_in_cam());
+        let (mut middle, mut axes) = ([l.splat_f64(0.0); 3], [l.splat_f64(0.0); 9]);
+        let mut origin = middle;
+        for k in 0..3 {
+            middle[k] = l.splat_f64(frame.center()[k]);
+            origin[k] = l.splat_f64(center[k]);
         }
-    }
-
-    /// Corners and normals as [`Frame::facet`] has them.
-    #[inline(always)]
-    pub(crate) fn turn(&mut self, rotation: &DMat3, center: DVec3) {
-        let [rx, ry, rz] = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
-        let count = self.count.min(SIZE);
-        for corner in 0..3 {
-            let [px, py, pz] = &mut self.corners[3 * corner..3 * corner + 3] else {
-                return;
-            };
-            for i in 0..count {
-                let (x, y, z) = (px[i], py[i], pz[i]);
-                px[i] = rx.x * x + ry.x * y + rz.x * z + center.x;
-                py[i] = rx.y * x + ry.y * y + rz.y * z + center.y;
-                pz[i] = rx.z * x + ry.z * y + rz.z * z + center.z;
+        for k in 0..9 {
+            axes[k] = l.splat_f64(rotation[k]);
+        }
+        for from in (0..self.count).step_by(FOUR) {
+            let from = from.min(SIZE - FOUR);
+            let mut four = [[0; 3]; FOUR];
+            for k in 0..FOUR {
+                // Of fewer than four, the last fills the rest.
+                let one = &pending[(from + k).min(self.count - 1)];
+                four[k] = one.vertices;
+                self.spots[0][from + k] = one.spot[0];
+                self.spots[1][from + k] = one.spot[1];
+            }
+            for corner in 0..3 {
+                let mut positions = [l.splat_f64(0.0); FOUR];
+                for k in 0..FOUR {
+                    let position = vertices[four[k][corner] as usize];
+                    positions[k] = l.load_f64(&[position.x, position.y, position.z, 0.0]);
+                }
+                let [x, y, z, _] = l.transpose(positions);
+                let x = l.sub_f64(x, middle[0]);
+                let y = l.sub_f64(y, middle[1]);
+                let z = l.sub_f64(z, middle[2]);
+                for k in 0..3 {
+                    let sum = l.add_f64(l.mul_f64(axes[k], x), l.mul_f64(axes[3 + k], y));
+                    let turned = l.add_f64(sum, l.mul_f64(axes[6 + k], z));
+                    self.corners[3 * corner + k][from..][..FOUR]
+                        .copy_from_slice(&l.store_f64(l.add_f64(turned, origin[k])));
+                }
             }
         }
     }
@@ -128,8 +140,10 @@ impl Fresh {
     /// The doubt: sheared corners are off by h, edge functions of a triangle of sheared size s by 4sh,
     /// which moves the depth by that over t of the corners' difference in depth, in both ways to
     /// compute it; the rest is a few roundings. An error of t where the plane was set up cancels.
+    ///
+    /// Without `SLOPES` only their values where the triangles are seen.
     #[inline(always)]
-    pub(crate) fn set_up(&mut self, window: &Window) {
+    pub(crate) fn set_up<const SLOPES: bool>(&mut self, window: &Window) {
         let count = self.count.min(SIZE);
         let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
         let [vs, ws, ts, doubts] = &mut self.at;
@@ -174,20 +188,24 @@ impl Fresh {
                 );
             let clear = volume.abs() > least && volume * t > 0.0;
 
-            // (x, y) counted from the tile's first pixel.
-            let (dx, dy) = (x - window.first[0], y - window.first[1]);
-            let slopes = [
-                [a1 * cz[i] - az[i] * c1, az[i] * c0 - a0 * cz[i]],
-                [b1 * az[i] - bz[i] * a1, bz[i] * a0 - b0 * az[i]],
-                [-normal[0], -normal[1]],
-            ];
-            vs[i] = (v - slopes[0][0] * dx - slopes[0][1] * dy) * scale;
-            ws[i] = (w - slopes[1][0] * dx - slopes[1][1] * dy) * scale;
-            ts[i] = (t - slopes[2][0] * dx - slopes[2][1] * dy) * scale;
             doubts[i] = if clear { doubt } else { f64::INFINITY };
-            (vx[i], vy[i]) = (slopes[0][0] * scale, slopes[0][1] * scale);
-            (wx[i], wy[i]) = (slopes[1][0] * scale, slopes[1][1] * scale);
-            (tx[i], ty[i]) = (slopes[2][0] * scale, slopes[2][1] * scale);
+            if SLOPES {
+                // (x, y) counted from the tile's first pixel.
+                let (dx, dy) = (x - window.first[0], y - window.first[1]);
+                let slopes = [
+                    [a1 * cz[i] - az[i] * c1, az[i] * c0 - a0 * cz[i]],
+                    [b1 * az[i] - bz[i] * a1, bz[i] * a0 - b0 * az[i]],
+                    [-normal[0], -normal[1]],
+                ];
+                vs[i] = (v - slopes[0][0] * dx - slopes[0][1] * dy) * scale;
+                ws[i] = (w - slopes[1][0] * dx - slopes[1][1] * dy) * scale;
+                ts[i] = (t - slopes[2][0] * dx - slopes[2][1] * dy) * scale;
+                (vx[i], vy[i]) = (slopes[0][0] * scale, slopes[0][1] * scale);
+                (wx[i], wy[i]) = (slopes[1][0] * scale, slopes[1][1] * scale);
+                (tx[i], ty[i]) = (slopes[2][0] * scale, slopes[2][1] * scale);
+            } else {
+                (vs[i], ws[i], ts[i]) = (v * scale, w * scale, t * scale);
+            }
 
             // As glam's `normalize_or_zero`, then turned to the camera: t is minus the normal along
             // the ray.
@@ -201,12 +219,55 @@ impl Fresh {
         }
     }
 
-    /// Adds what was worked out to `planes`.
+    /// Writes the pixels' depth, weights and normals, each pixel's triangle having been worked out where it
+    /// sees it. Returns, as bits, those that the exact test has to decide.
     #[inline(always)]
-    pub(crate) fn put<L: Lanes>(&self, l: L, planes: &mut Vec<Plane>) {
-        let first = planes.len();
-        planes.resize(first + self.count.next_multiple_of(FOUR), Plane::NONE);
-        for (index, four) in planes[first..].chunks_exact_mut(FOUR).enumerate() {
+    pub(crate) fn write<L: Lanes>(&self, l: L, line: &mut Line) -> u64 {
+        let (depths, weights) = (&mut line.depth[WORDS..], &mut line.weights[WORDS..]);
+        let normals = &mut line.normals[WORDS..];
+        let one = l.splat_f64(1.0);
+        let mut doubtful = 0;
+        for left in (0..SIZE).step_by(LANES) {
+            let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
+            for half in [0, FOUR] {
+                let first = left + half;
+                let [v, w, t, doubt] = [
+                    four_of(l, &self.at[0], first),
+                    four_of(l, &self.at[1], first),
+                    four_of(l, &self.at[2], first),
+                    four_of(l, &self.at[3], first),
+                ];
+                let depth = l.div_f64(one, t);
+                let slack = l.mul_f64(depth, doubt);
+                low[half..half + FOUR].copy_from_slice(&l.round(l.sub_f64(depth, slack)));
+                high[half..half + FOUR].copy_from_slice(&l.round(l.add_f64(depth, slack)));
+                let pairs = l.round_pairs(l.mul_f64(v, depth), l.mul_f64(w, depth));
+                weights[2 * first..][..2 * FOUR].copy_from_slice(pairs.as_flattened());
+                let turned = l.transpose([
+                    four_of(l, &self.normals[0], first),
+                    four_of(l, &self.normals[1], first),
+                    four_of(l, &self.normals[2], first),
+                    one,
+                ]);
+                for k in 0..FOUR {
+                    // The fourth number is written over next.
+                    normals[3 * (first + k)..][..FOUR].copy_from_slice(&l.round(turned[k]));
+                }
+            }
+            depths[left..left + LANES].copy_from_slice(&low);
+            doubtful |= u64::from(in_doubt(l, &low, &high)) << left;
+        }
+        doubtful
+    }
+
+    /// Puts what was worked out into `planes` from `first` on.
+    #[inline(always)]
+    pub(crate) fn put<L: Lanes>(&self, l: L, (planes, first): (&mut Vec<Plane>, usize)) {
+        let end = first + self.count.next_multiple_of(FOUR);
+        if planes.len() < end {
+            planes.resize(end.next_multiple_of(SIZE), Plane::NONE);
+        }
+        for (index, four) in planes[first..end].chunks_exact_mut(FOUR).enumerate() {
             let from = FOUR * index;
             let at = l.transpose([
                 four_of(l, &self.at[0], from),
@@ -238,7 +299,6 @@ impl Fresh {
                 four[k].normal = l.round(normals[k]);
             }
         }
-        planes.truncate(first + self.count);
     }
 }
 

@@ -37,6 +37,13 @@ impl Line {
         self.weights[WORDS..].fill(0.0);
         self.normals[WORDS..].fill(0.0);
     }
+
+    /// A pixel sees nothing.
+    pub(super) fn blank(&mut self, column: usize) {
+        self.depth[WORDS + column] = 0.0;
+        self.weights[WORDS + 2 * column..][..2].fill(0.0);
+        self.normals[WORDS + 3 * column..][..3].fill(0.0);
+    }
 }
 
 /// A row of pixels that see something.
@@ -86,10 +93,36 @@ impl Cross<'_> {
                 weights[2 * (left + half)..][..2 * FOUR].copy_from_slice(pairs.as_flattened());
             }
             depths[left..left + LANES].copy_from_slice(&low);
-            let positive = l.less(l.splat(-f32::MIN_POSITIVE), l.load(&low));
-            let unequal = l.differ(&low.map(f32::to_bits), &high.map(f32::to_bits));
-            doubtful |= u64::from(unequal | ALL & !positive) << left;
+            doubtful |= u64::from(in_doubt(l, &low, &high)) << left;
         }
         doubtful
     }
+}
+
+/// The depths that are not known well enough, between which they are given, as bits.
+#[inline(always)]
+pub(super) fn in_doubt<L: Lanes>(l: L, low: &[f32; LANES], high: &[f32; LANES]) -> u32 {
+    let positive = l.less(l.splat(-f32::MIN_POSITIVE), l.load(low));
+    let unequal = l.differ(&low.map(f32::to_bits), &high.map(f32::to_bits));
+    unequal | ALL & !positive
+}
+
+/// The pixels of a row that see another triangle than the one before, as bits.
+#[inline(always)]
+pub(super) fn starts<L: Lanes>(l: L, ids: &[u32]) -> u64 {
+    let mut shifted = [0; SIZE];
+    let mut here = [0; SIZE];
+    here.copy_from_slice(ids);
+    shifted[1..].copy_from_slice(&ids[..SIZE - 1]);
+    shifted[0] = !ids[0];
+    let mut bits = 0;
+    let pairs = here
+        .as_chunks::<LANES>()
+        .0
+        .iter()
+        .zip(shifted.as_chunks().0);
+    for (index, (here, before)) in pairs.enumerate() {
+        bits |= u64::from(l.differ(here, before)) << (LANES * index);
+    }
+    bits
 }

@@ -126,15 +126,14 @@ impl<'m> Frame<'m> {
         self.rotation
     }
 
+    /// The mesh's centre, in the world.
+    pub(crate) fn center(&self) -> DVec3 {
+        self.center
+    }
+
     /// The mesh's centre, in the camera frame.
     pub(crate) fn center_in_cam(&self) -> DVec3 {
         self.center_in_cam
-    }
-
-    /// A vertex, counted from the mesh's centre.
-    #[inline]
-    pub(crate) fn offset_of(&self, vertex: u32) -> DVec3 {
-        self.mesh.vertices()[vertex as usize] - self.center
     }
 
     /// Corners of a triangle in the camera frame.

@@ -2,7 +2,7 @@
 
 #[path = "../../tests/it/render/shapes.rs"]
 #[allow(dead_code, reason = "shared with the integration tests")]
-mod shapes;
+pub(super) mod shapes;
 
 use super::lanes::forced::{self, Width};
 use super::lanes::{Lanes, Task, dispatch};
