@@ -89,8 +89,8 @@ impl Run {
     }
 }
 
-/// Inputs, listed before the work. What is read of them can be hashed as it is read, so that no file is gone
-/// through twice; the rest is hashed when it is asked for.
+/// Inputs, listed before the work. Files that are read during it can be hashed as they are read, so that
+/// none of them is gone through twice; the rest is hashed before it, or else at the end.
 #[derive(Debug, Default)]
 pub struct Inputs {
     /// By the path they were given as.
@@ -121,6 +121,31 @@ impl Inputs {
     pub fn add(&mut self, path: &Path) -> Result<()> {
         let listed = Listed::at(path)?;
         self.listed.insert(path.display().to_string(), listed);
+        Ok(())
+    }
+
+    /// Hashes what is listed now, but for the files of `later`, which are hashed as they are read: what is
+    /// read before the work, and what is not read at all, counts as it was then.
+    ///
+    /// # Errors
+    /// What cannot be read.
+    pub fn hash_others(&self, later: &BTreeSet<&Path>) -> Result<()> {
+        let mut waiting: Vec<&Listed> = self.listed.values().collect();
+        while let Some(listed) = waiting.pop() {
+            match listed {
+                Listed::Folder(entries) => waiting.extend(entries.iter().map(|(_, entry)| entry)),
+                Listed::File(path) if later.contains(path.as_path()) => {}
+                Listed::File(path) => {
+                    let mut hasher = blake3::Hasher::new();
+                    hasher
+                        .update_mmap(path)
+                        .map_err(mvs_datasets::Error::io(path, "read"))?;
+                    self.known()
+                        .entry(path.clone())
+                        .or_insert_with(|| hasher.finalize());
+                }
+            }
+        }
         Ok(())
     }
 

@@ -16,6 +16,7 @@ use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
 use mvs_eval::jobs::fuse::{FuseJob, FuseOutcome, Properties, check_used, run};
 use mvs_eval::parallel::with_threads;
 use mvs_eval::progress::Silent;
+use mvs_eval::provenance::Run;
 use mvs_eval::score::FinitePoints;
 use mvs_eval::score::plain::{Preparation, evaluate};
 use mvs_eval::warning::Warnings;

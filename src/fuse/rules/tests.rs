@@ -262,6 +262,15 @@ fn every_instruction_set_gives_the_same_bits() {
                 assert!(agreed(&less) == agreed(&wide), "{rule:?} {kept:?}");
                 let last = less.seen.last().unwrap();
                 assert_eq!(last.agrees, wide.seen[4].agrees, "{rule:?} {kept:?}");
+                if kept == Kept::Words {
+                    for (kept, whole) in less.seen.iter().zip(&wide.seen) {
+                        assert_eq!(kept.agrees, whole.agrees, "{rule:?}");
+                        assert!(
+                            kept.ratio.map(f32::to_bits) == whole.ratio.map(f32::to_bits),
+                            "{rule:?}"
+                        );
+                    }
+                }
             }
             let passed = check_plainly(&court, block, &wide);
             softened += if court.soften { passed } else { 0 };

@@ -41,6 +41,9 @@ pub struct PairCheck {
     pub color_difference: f64,
     /// Correlation of brightness where depths agree; none where too few do or an image hardly varies.
     pub color_correlation: Option<f64>,
+    /// Whether they correlate at least as well there as a little beside; none where `color_correlation`
+    /// is none.
+    pub color_peak: Option<bool>,
 }
 
 /// The outcome of all of these checks.
@@ -192,6 +195,7 @@ fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairC
             .and_then(|images| median(color_differences(images, pixels())))
             .unwrap_or(0.0),
         color_correlation: images.and_then(|images| images::correlation(images, pixels())),
+        color_peak: images.and_then(|images| images::is_peak(images, pixels())),
     }
 }
 

@@ -16,6 +16,7 @@ use mvs_datasets::layout::workspace::Workspace;
 use mvs_datasets::scene::{
     ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View, Window,
 };
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,7 +36,7 @@ pub(super) struct FolderMaps<'a> {
     has_images: bool,
     has_confidence: bool,
     warnings: &'a Warnings,
-    /// All that is read, hashed as it is.
+    /// All that is read: the views' files are hashed as they are, all others before.
     pub(super) inputs: Inputs,
 }
 
@@ -75,13 +76,27 @@ impl<'a> FolderMaps<'a> {
         warn_of_missing_images(&entries, context);
         let inputs = job.inputs();
         let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
-        Ok(Self {
+        let maps = Self {
             inputs: Inputs::list(&inputs)?,
             has_images: entries.iter().all(|entry| entry.image.is_some()),
             has_confidence: !job.confidence.is_empty(),
             entries,
             warnings: context.warnings,
-        })
+        };
+        maps.hash_others()?;
+        Ok(maps)
+    }
+
+    /// Hashes the inputs that are not maps and images of the views, which are hashed as they are read.
+    pub(super) fn hash_others(&self) -> Result<()> {
+        let mut later = BTreeSet::new();
+        for entry in &self.entries {
+            let maybe = [&entry.normals, &entry.mask, &entry.image];
+            later.extend(maybe.into_iter().filter_map(|path| path.as_deref()));
+            later.extend(entry.confidence.iter().map(PathBuf::as_path));
+            later.insert(&entry.depth);
+        }
+        self.inputs.hash_others(&later)
     }
 
     /// Pixels of all depth maps.
@@ -253,7 +268,7 @@ impl DepthMaps for FolderMaps<'_> {
 
     fn image(&self, index: usize) -> Result<Option<ColorImage>> {
         let path = self.entries[index].image.as_ref();
-        let read = |path| self.read(path, image::read_color);
+        let read = |path: &PathBuf| self.read(path, image::read_color);
         path.map(read).transpose()
     }
 
@@ -299,10 +314,10 @@ fn smaller(mut least: Raster<f32>, other: &Raster<f32>) -> Raster<f32> {
 }
 
 impl FolderMaps<'_> {
-    /// Maps a file for `read`, and has it hashed, so that each comes to memory only once.
+    /// Maps a file for `read`, and has it hashed when it is read for the first time.
     fn read<T>(
         &self,
-        path: &PathBuf,
+        path: &Path,
         read: impl FnOnce(&[u8]) -> std::result::Result<T, FormatError>,
     ) -> Result<T> {
         let hashed = |bytes: &[u8]| {

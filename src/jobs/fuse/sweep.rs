@@ -89,6 +89,7 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     let mut folder = FolderMaps::open(&job.fuse, context)?;
     if let Some(truth) = &job.truth {
         folder.inputs.add(truth)?;
+        folder.hash_others()?;
     }
     let kept = KeptMaps::read(&folder, job.fuse.budget(), context)?;
     let mut rows = Vec::new();

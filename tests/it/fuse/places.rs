@@ -287,6 +287,44 @@ fn options_of_workspaces_do_not_go_with_cams_and_a_failing_run_keeps_the_result_
     assert_eq!(contents(), before);
 }
 
+/// A flat scene whose folder is an input and takes the results, again and again.
+#[test]
+fn results_that_lie_among_the_inputs_are_replaced_and_recorded_as_they_were() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    for entry in std::fs::read_dir(folder.path().join("cams")).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::rename(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+    }
+    std::fs::remove_dir(folder.path().join("cams")).unwrap();
+    std::fs::remove_dir_all(folder.path().join("images")).unwrap();
+    job.vis = true;
+    fuse(&job, false).unwrap();
+    let before = mvs_eval::provenance::hash_path(folder.path()).unwrap();
+    job.vis = false;
+    fuse(&job, true).unwrap();
+    assert!(!folder.path().join("cloud.ply.vis").exists());
+    let run = Run::read(&folder.path().join("cloud.run.toml")).unwrap();
+    assert_eq!(run.inputs[&folder.path().display().to_string()], before);
+    // A sweep into a folder of maps.
+    let mut sweep = SweepJob {
+        out: job.depths.join("sweep.csv"),
+        fuse: job,
+        ..SweepJob::default()
+    };
+    (sweep.pixel_errors, sweep.min_sources) = (vec![1.0], vec![2, 3]);
+    for force in [false, true] {
+        let warnings = Warnings::default();
+        let context = Context {
+            progress: &Silent,
+            warnings: &warnings,
+            force,
+        };
+        assert_eq!(sweep::run(&sweep, &context).unwrap().rows.len(), 2);
+    }
+}
+
 #[test]
 fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
     let scene = scene();
