@@ -145,6 +145,11 @@ mod tests {
         for wide in [false, is_x86_feature_detected!("avx")] {
             let mut memory = vec![u32::MAX; 200];
             let first = (WORDS - past_border(&memory, 0)) % WORDS;
+            assert_eq!(
+                past_border(&memory, first),
+                0,
+                "else nothing goes past the caches"
+            );
             let stream = Stream {
                 wide,
                 ..Stream::new()

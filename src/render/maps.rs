@@ -67,7 +67,8 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
 /// Slots of the memory of triangles that have been met; one more is for none.
 const SLOTS: usize = 512;
 
-/// Runs in a row of pixels above which its pixels are worked out one by one.
+/// Mean number of runs in rows that are worked out together above which their pixels are worked out one by
+/// one.
 const OWN_RUNS: u32 = 46;
 
 /// Most runs of pixels in rows that are worked out together.
@@ -343,11 +344,21 @@ mod tests {
     use glam::DVec2;
     use mvs_datasets::scene::{Camera, Pose, View};
 
-    /// A tile's maps, with planes where a row has at most so many runs.
+    /// More runs than rows have.
+    const NEVER: u32 = u32::MAX / 64;
+
+    /// A tile's maps, with planes where rows have at most so many runs in the mean: with 0 none at all.
     fn maps((place, tile): (&Place<'_>, &Tile), own_runs: u32) -> Seen {
         let (mut resolver, mut seen) = (Resolver::new(), Seen::default());
         resolver.own_runs = own_runs;
         resolver.resolve_tile((place, tile), (60, 50), &mut seen);
+        if [0, NEVER].contains(&own_runs) {
+            assert_eq!(
+                resolver.set_up == 1,
+                own_runs == 0,
+                "the way that was asked for"
+            );
+        }
         seen
     }
 
@@ -371,14 +382,15 @@ mod tests {
                 row: 0,
             };
             let tile = scan(&Clusters::new(&mesh, center), (&place, None), (60, 50));
-            let (dots, planes) = (
-                maps((&place, &tile), 0),
-                maps((&place, &tile), u32::MAX / 64),
-            );
-            assert_eq!(dots.triangles, planes.triangles);
+            let (dots, planes) = (maps((&place, &tile), 0), maps((&place, &tile), NEVER));
             let bits = |depth: &[f32]| depth.iter().map(|z| z.to_bits()).collect::<Vec<_>>();
-            assert_eq!(bits(&dots.depth), bits(&planes.depth));
-            assert_eq!(dots.normals, planes.normals);
+            // By turns in one tile, too.
+            let by_turns = [8, 20, 30, 40, 50].map(|own_runs| maps((&place, &tile), own_runs));
+            for other in by_turns.iter().chain([&dots]) {
+                assert_eq!(other.triangles, planes.triangles);
+                assert_eq!(bits(&other.depth), bits(&planes.depth));
+                assert_eq!(other.normals, planes.normals);
+            }
             blank += dots.depth.iter().filter(|&&z| z == 0.0).count();
             let both = dots.weights.as_flattened().iter();
             for (a, b) in both.zip(planes.weights.as_flattened()) {

@@ -21,6 +21,19 @@ fn threads_do_not_change_a_byte() {
     let four = mvs_eval::parallel::with_threads(4, render).unwrap();
     assert!(one == four);
     let _: &Raster<[u8; 3]> = &one.color;
+    // Exact maps too, of triangles smaller than pixels.
+    let mesh = terrain(400);
+    let view = super::view(view.pose, 300, 200);
+    let renderer = Renderer::new(&mesh).unwrap();
+    let see = || {
+        let mut seen = Seen::default();
+        renderer.see(&view, &mut seen).map(|()| seen).unwrap()
+    };
+    let one = mvs_eval::parallel::with_threads(1, see).unwrap();
+    let four = mvs_eval::parallel::with_threads(4, see).unwrap();
+    assert!(one == four);
+    let hits = one.depth.iter().filter(|&&depth| depth > 0.0).count();
+    assert!(hits > 10_000, "{hits}");
 }
 
 #[test]
@@ -50,7 +63,9 @@ fn the_fast_renderer_agrees_with_the_oracle_to_the_byte() {
             let eye = middle + noise.vector().normalize() * reach * *scale;
             let target = middle + noise.vector() * 0.3 * *scale;
             let pose = Pose::looking_at(eye, target, noise.vector()).unwrap();
-            let view = view(pose, 90 + index as u32, 51);
+            // One of them in several bands.
+            let rows = if index == 3 { 140 } else { 51 };
+            let view = view(pose, 90 + index as u32, rows);
             let options = RenderOptions {
                 samples: [1, 4, 9][index % 3],
                 back_faces: BackFaces::Valid,
