@@ -1,6 +1,7 @@
 //! `mvs-eval fuse`: a folder of depth maps → a point cloud, view by view.
 
 mod cams;
+mod check;
 mod maps;
 mod output;
 pub mod sweep;
@@ -15,13 +16,14 @@ use crate::fuse::{
     PointSink, Region, Scratch, VoxelSink, columns, fuse_maps,
 };
 use crate::provenance::Run;
+pub use check::check_used;
 use glam::DVec3;
 pub(super) use maps::find_image;
 use maps::{FileScratch, FolderMaps};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
 use mvs_datasets::layout::scratch::ScratchFolder;
-use mvs_datasets::layout::workspace::{StereoPass, Workspace};
+use mvs_datasets::layout::workspace::StereoPass;
 use mvs_metrics::crop::Prism;
 use output::{Outputs, Visible};
 use serde::{Deserialize, Serialize};
@@ -97,69 +99,6 @@ impl FuseJob {
     fn budget(&self) -> usize {
         self.memory.map_or(MEMORY, |mib| mib << 20)
     }
-
-    fn check(&self) -> Result<()> {
-        self.fuse.check()?;
-        if self.scene.as_os_str().is_empty() {
-            return Err(Error::invalid(
-                "fuse",
-                "expected a scene folder, found none",
-            ));
-        }
-        let is_workspace =
-            self.depths.as_os_str().is_empty() && Workspace::at(&self.scene).is_some();
-        if self.stereo != StereoPass::default() && !is_workspace {
-            let problem = "expected a COLMAP dense workspace without --depths, whose maps it picks, found \
-                           none: leave it out";
-            return Err(Error::invalid("--stereo", problem));
-        }
-        if self.camera_size.is_some() && is_workspace {
-            let problem = "expected none for a COLMAP dense workspace, whose model says its cameras' sizes: \
-                           leave it out";
-            return Err(Error::invalid("--camera-size", problem));
-        }
-        if self.fuse.confidence_quantile != 0.0 && self.confidence.is_empty() {
-            let problem = "needs --confidence, whose maps it is a quantile of";
-            return Err(Error::invalid("--confidence-quantile", problem));
-        }
-        let merges = self.fuse.mode == FuseMode::Cluster || self.voxel != 0.0;
-        if self.filtered_depths.is_some() && merges {
-            let problem = "expected a mode whose points belong to pixels, found merged points: leave \
-                           out cluster and voxels";
-            return Err(Error::invalid("filtered depth maps", problem));
-        }
-        let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-        let mut read = [&self.depths].into_iter().chain(&self.confidence);
-        if let Some(folder) = &self.filtered_depths
-            && read.any(|input| real(input) == real(folder))
-        {
-            let problem =
-                "expected a folder for the filtered depth maps that is not read, found an input";
-            return Err(Error::invalid(folder.display().to_string(), problem));
-        }
-        Ok(())
-    }
-
-    /// Everything that is read: not the scene's whole folder, in which results may lie.
-    fn inputs(&self) -> Vec<PathBuf> {
-        let parts = [
-            "cams",
-            "sparse",
-            "stereo",
-            "blended_images",
-            "images",
-            "color",
-        ];
-        let parts = parts.map(|part| self.scene.join(part));
-        let mut read: Vec<PathBuf> = parts.into_iter().filter(|part| part.is_dir()).collect();
-        if read.is_empty() {
-            read.push(self.scene.clone());
-        }
-        read.extend(Some(self.depths.clone()).filter(|path| !path.as_os_str().is_empty()));
-        read.extend(self.confidence.iter().cloned());
-        read.extend([&self.masks, &self.crop].into_iter().flatten().cloned());
-        read
-    }
 }
 
 /// What was fused.
@@ -217,26 +156,6 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     write_report(job, &outcome)?;
     Run::of("fuse", job, &maps.inputs)?.write(&run_file)?;
     Ok(outcome)
-}
-
-/// Refuses those of the options `given` that would change nothing.
-///
-/// # Errors
-/// Names the first, and why it counts for nothing.
-pub fn check_used(job: &FuseJob, given: &[&str]) -> Result<()> {
-    let mode = job.fuse.mode;
-    let unused = given.iter().find(|option| !mode.asks_for(option));
-    let problem = if unused.is_some() {
-        format!("the mode {mode:?} does not ask for it: leave it out").to_lowercase()
-    } else if given.contains(&"min_confidence") && job.confidence.is_empty() {
-        "needs --confidence, whose maps it is a threshold for".to_owned()
-    } else if given.contains(&"min_confidence") && job.fuse.confidence_quantile != 0.0 {
-        "expected it or --confidence-quantile, which takes its place, found both".to_owned()
-    } else {
-        return Ok(());
-    };
-    let option = unused.unwrap_or(&"min_confidence").replace('_', "-");
-    Err(Error::invalid(format!("--{option}"), problem))
 }
 
 /// Checks each of the files that a command writes, before the work; no two may be one file.

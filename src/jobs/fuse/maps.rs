@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Folders in which images of a scene are looked for, relative to it.
-const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
+pub(super) const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
 
 /// One in so many depths that became points is next to nothing.
 const FEW: u64 = 100;
@@ -74,7 +74,7 @@ impl<'a> FolderMaps<'a> {
             _ => cams::entries(job, context)?,
         };
         warn_of_missing_images(&entries, context);
-        let inputs = job.inputs();
+        let inputs = job.inputs()?;
         let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
         let maps = Self {
             inputs: Inputs::list(&inputs)?,

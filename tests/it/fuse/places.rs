@@ -298,15 +298,30 @@ fn results_that_lie_among_the_inputs_are_replaced_and_recorded_as_they_were() {
         std::fs::rename(&path, folder.path().join(path.file_name().unwrap())).unwrap();
     }
     std::fs::remove_dir(folder.path().join("cams")).unwrap();
+    let recorded = || {
+        Run::read(&folder.path().join("cloud.run.toml"))
+            .unwrap()
+            .inputs
+    };
+    let named = |part: &str| {
+        recorded()
+            .keys()
+            .filter(|path| path.ends_with(part))
+            .count()
+    };
+    fuse(&job, true).unwrap();
+    assert_eq!(
+        (named("_cam.txt"), named("pair.txt"), named("images")),
+        (12, 1, 1)
+    );
     std::fs::remove_dir_all(folder.path().join("images")).unwrap();
     job.vis = true;
-    fuse(&job, false).unwrap();
+    fuse(&job, true).unwrap();
     let before = mvs_eval::provenance::hash_path(folder.path()).unwrap();
     job.vis = false;
     fuse(&job, true).unwrap();
     assert!(!folder.path().join("cloud.ply.vis").exists());
-    let run = Run::read(&folder.path().join("cloud.run.toml")).unwrap();
-    assert_eq!(run.inputs[&folder.path().display().to_string()], before);
+    assert_eq!(recorded()[&folder.path().display().to_string()], before);
     // A sweep into a folder of maps.
     let mut sweep = SweepJob {
         out: job.depths.join("sweep.csv"),
