@@ -135,14 +135,10 @@ impl Inputs {
             match listed {
                 Listed::Folder(entries) => waiting.extend(entries.iter().map(|(_, entry)| entry)),
                 Listed::File(path) if later.contains(path.as_path()) => {}
+                Listed::File(path) if self.known().contains_key(path) => {}
                 Listed::File(path) => {
-                    let mut hasher = blake3::Hasher::new();
-                    hasher
-                        .update_mmap(path)
-                        .map_err(mvs_datasets::Error::io(path, "read"))?;
-                    self.known()
-                        .entry(path.clone())
-                        .or_insert_with(|| hasher.finalize());
+                    let hash = hash_file(path)?;
+                    self.known().insert(path.clone(), hash);
                 }
             }
         }
@@ -169,17 +165,13 @@ impl Inputs {
     }
 
     fn hash(&self, listed: &Listed) -> Result<String> {
-        let mut hasher = blake3::Hasher::new();
-        match listed {
+        let hash = match listed {
             Listed::File(path) => {
-                if let Some(known) = self.known().get(path) {
-                    return Ok(known.to_hex().to_string());
-                }
-                hasher
-                    .update_mmap(path)
-                    .map_err(mvs_datasets::Error::io(path, "read"))?;
+                let known = self.known().get(path).copied();
+                known.map_or_else(|| hash_file(path), Ok)?
             }
             Listed::Folder(entries) => {
+                let mut hasher = blake3::Hasher::new();
                 for (name, listed) in entries {
                     let hash = self.hash(listed)?;
                     hasher
@@ -187,9 +179,10 @@ impl Inputs {
                         .update(&[0])
                         .update(hash.as_bytes());
                 }
+                hasher.finalize()
             }
-        }
-        Ok(hasher.finalize().to_hex().to_string())
+        };
+        Ok(hash.to_hex().to_string())
     }
 }
 
@@ -210,6 +203,14 @@ impl Listed {
         }
         Ok(Self::File(path.to_path_buf()))
     }
+}
+
+fn hash_file(path: &Path) -> Result<blake3::Hash> {
+    let mut hasher = blake3::Hasher::new();
+    hasher
+        .update_mmap(path)
+        .map_err(mvs_datasets::Error::io(path, "read"))?;
+    Ok(hasher.finalize())
 }
 
 /// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.

@@ -6,14 +6,6 @@ use crate::progress::Silent;
 use glam::{DVec2, DVec3};
 use mvs_datasets::scene::{Camera, DepthMap, Pose, Raster, View};
 
-const MODES: [FuseMode; 5] = [
-    FuseMode::Hkust,
-    FuseMode::Geo,
-    FuseMode::Dynamic,
-    FuseMode::Gipuma,
-    FuseMode::Cluster,
-];
-
 fn plane(offset: f64) -> Plane {
     Plane {
         normal: DVec3::new(0.2, -0.3, 1.0).normalize(),
@@ -61,7 +53,7 @@ fn scaled(scale: f64, offset: DVec3) -> (Vec<Estimate>, Plane) {
 
 #[test]
 fn tiny_and_huge_scales_and_large_offsets_change_nothing() {
-    for mode in MODES {
+    for mode in FuseMode::ALL {
         let usual = fused(&scaled(1.0, DVec3::ZERO).0, mode).cloud.len();
         assert!(usual > 500, "{mode:?} {usual}");
         for (scale, offset) in [
@@ -111,7 +103,7 @@ fn near_and_far_a_million_apart_fuse_together() {
             }
         })
         .collect();
-    for mode in MODES {
+    for mode in FuseMode::ALL {
         let found = fused(&estimates, mode);
         let far = found.cloud.positions().iter().filter(|p| p.z > 9e5).count();
         let near = found
@@ -196,12 +188,12 @@ fn a_source_that_looks_the_other_way_says_nothing() {
 fn one_view_and_empty_maps_give_no_points() {
     let surface = |view: &View, pixel| plane(0.1).depth(view, pixel);
     let mut one = arc(1, (16, 12), DVec3::ZERO, surface);
-    for mode in MODES {
+    for mode in FuseMode::ALL {
         assert_eq!(fused(&one, mode).cloud.len(), 0, "{mode:?}");
     }
     one[0].sources.clear();
     let nothing = arc(5, (16, 12), DVec3::ZERO, |_, _| f64::NAN);
-    for mode in MODES {
+    for mode in FuseMode::ALL {
         let found = fused(&nothing, mode);
         assert_eq!(
             (found.cloud.len(), found.counts.empty),
@@ -219,7 +211,7 @@ fn images_of_one_pixel_are_fused() {
         estimate.view.camera = Camera::new(1, 1, DVec2::splat(1.0), DVec2::splat(0.5)).unwrap();
         estimate.depth = depth_map(&estimate.view, surface);
     }
-    for mode in MODES {
+    for mode in FuseMode::ALL {
         fused(&estimates, mode);
     }
     assert_eq!(fused(&estimates, FuseMode::Hkust).cloud.len(), 5);
@@ -262,7 +254,7 @@ fn infinite_negative_and_undefined_depths_and_confidences_count_as_none() {
         confidence[102] = f32::INFINITY;
         estimate.confidence = Some(Raster::from_values(32, 24, confidence).unwrap());
     }
-    for mode in MODES {
+    for mode in FuseMode::ALL {
         let found = fused(&estimates, mode);
         assert_eq!(
             (found.counts.empty, found.counts.unconfident),
@@ -309,7 +301,7 @@ fn images_of_one_row_or_one_column_are_fused() {
             estimate.view.pose = Pose::looking_at(eye, DVec3::ZERO, DVec3::Y).unwrap();
             estimate.depth = depth_map(&estimate.view, surface);
         }
-        for mode in MODES {
+        for mode in FuseMode::ALL {
             fused(&estimates, mode);
         }
         let found = fused(&estimates, FuseMode::Hkust);

@@ -118,6 +118,15 @@ pub enum Colors {
 }
 
 impl FuseMode {
+    /// All of them, in the order of the documentation.
+    pub const ALL: [Self; 5] = [
+        Self::Hkust,
+        Self::Geo,
+        Self::Dynamic,
+        Self::Gipuma,
+        Self::Cluster,
+    ];
+
     /// Whether the procedure asks for this one of the options that only some procedures ask for.
     pub fn asks_for(self, option: &str) -> bool {
         match option {

@@ -134,13 +134,7 @@ fn exact_maps_fuse_onto_the_surface_in_every_mode() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();
     let mut job = write_scene(&scene, None, folder.path());
-    for mode in [
-        FuseMode::Hkust,
-        FuseMode::Geo,
-        FuseMode::Dynamic,
-        FuseMode::Gipuma,
-        FuseMode::Cluster,
-    ] {
+    for mode in FuseMode::ALL {
         job.fuse = FuseOptions::of(mode);
         let outcome = fuse(&job, true).unwrap();
         let cloud = files::read_cloud(&job.out).unwrap();

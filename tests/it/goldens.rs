@@ -5,6 +5,7 @@ mod pipeline;
 
 use mvs_datasets::layout::files::write_atomically;
 use mvs_datasets::synthetic::SyntheticOptions;
+use mvs_eval::fuse::FuseMode;
 use pipeline::{Fault, Number, STAGES};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -162,7 +163,7 @@ fn the_goldens_hold_every_scene_mode_and_profile_and_make_sense() {
                 .unwrap_or_else(|| panic!("{scene} {variant} {quantity}"))
                 .value
         };
-        for mode in pipeline::MODES {
+        for mode in FuseMode::ALL {
             let mode = format!("{mode:?}").to_lowercase();
             for profile in ["plain", "official", "strict"] {
                 let variant = format!("{mode} {profile}");

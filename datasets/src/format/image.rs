@@ -34,7 +34,7 @@ pub fn read_color_part(
     if let Some(found) = jpeg::decode(bytes, most_pixels(bytes), &wanted) {
         return Ok(found);
     }
-    let image = read_color(bytes)?;
+    let image = read_other(bytes)?;
     let (size, window) = (image.size(), wanted(image.size()));
     if window == Window::whole(size) {
         return Ok((size, image));

@@ -140,13 +140,7 @@ fn every_pixel_is_accounted_for_in_every_mode() {
         estimate.confidence =
             Some(mvs_datasets::scene::Raster::from_values(64, 48, confidence).unwrap());
     }
-    for mode in [
-        FuseMode::Hkust,
-        FuseMode::Geo,
-        FuseMode::Dynamic,
-        FuseMode::Gipuma,
-        FuseMode::Cluster,
-    ] {
+    for mode in FuseMode::ALL {
         let options = FuseOptions {
             bounds: Some([[-0.5; 3], [0.5; 3]]),
             max_depth: 4.4,

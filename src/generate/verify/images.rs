@@ -1,12 +1,12 @@
 //! Whether images show what depths and cameras say: brightness at the same points of the surface.
 //!
-//! Judged by correlation, which light that brightens or dims whole images does not move. Medians over
-//! pairs: .86 to .95 on three real and synthetic scenes, .7 on one of 128x96 pixels whose texture is as
-//! fine as its pixels; .40 with images moved by eight views and .22 with images turned upside down on a
-//! real scene. A smooth scene whose views are much alike can reach .62 with the images of other views: those
-//! are told by where they fit best. On three sound scenes each of 296, 296 and 56 pairs fits best at the same
-//! points, with images moved by one view 93, 94 and 48 do. Of one view by itself: .84 and more where it is sound, .34 and less with another's
-//! image, on the real scene.
+//! Judged by correlation, which light that brightens or dims whole images does not move. Medians over pairs:
+//! .86 to .95 on three real and synthetic scenes, .7 on one of 128x96 pixels whose texture is as fine as its
+//! pixels; .40 with images moved by eight views and .22 with images turned upside down on a real scene. A
+//! smooth scene whose views are much alike can reach .62 with the images of other views: those are told by
+//! where they fit best. On three sound scenes each of 296, 296 and 56 pairs fits best at the same points,
+//! with images moved by one view 93, 94 and 48 do. Of one view by itself: .84 and more where it is sound, .34
+//! and less with another's image, on the real scene.
 
 use super::geometry::{FEW, PairCheck};
 use super::{Finding, median};

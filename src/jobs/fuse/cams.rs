@@ -1,7 +1,7 @@
 //! A folder of cams as depth maps to fuse: which views, and the size that each camera is for.
 
 use super::FuseJob;
-use super::maps::{Encoding, Entry, check_present, find_image, find_mask};
+use super::maps::{Encoding, Entry, camera_for, check_present, find_image, find_mask};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::jobs::{Context, cameras};
@@ -96,9 +96,7 @@ fn entry(
         mask: mask.transpose()?,
         image,
         view: View {
-            camera: camera
-                .resized(size.0, size.1)
-                .map_err(|error| Error::invalid(depth.display().to_string(), error.to_string()))?,
+            camera: camera_for(&camera, size, &depth)?,
             ..view.clone()
         },
         depth,

@@ -14,7 +14,7 @@ use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_datasets::layout::workspace::Workspace;
 use mvs_datasets::scene::{
-    ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View, Window,
+    Camera, ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View, Window,
 };
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -141,6 +141,12 @@ pub(super) fn check_present(
         context.warnings.add("missing-depth", message);
     }
     Ok(())
+}
+
+/// The camera scaled to the size of the depth map in the file `depth`.
+pub(super) fn camera_for(camera: &Camera, size: (u32, u32), depth: &Path) -> Result<Camera> {
+    let resized = camera.resized(size.0, size.1);
+    resized.map_err(|error| Error::invalid(depth.display().to_string(), error.to_string()))
 }
 
 pub(super) fn find_mask(folder: &Path, id: u32) -> Result<PathBuf> {

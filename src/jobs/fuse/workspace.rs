@@ -1,7 +1,7 @@
 //! A COLMAP dense workspace as depth maps to fuse.
 
 use super::FuseJob;
-use super::maps::{Encoding, Entry, check_present};
+use super::maps::{Encoding, Entry, camera_for, check_present};
 use crate::error::{Error, Result};
 use crate::generate::{PairOptions, sparse_sources};
 use crate::jobs::Context;
@@ -90,7 +90,7 @@ fn entry(
         return Err(Error::invalid(format!("image {}", view.name), problem));
     }
     let depth = workspace.depth(&view.name, job.stereo);
-    let (width, height) = files::read_with(&depth, dense::read_size)?;
+    let size = files::read_with(&depth, dense::read_size)?;
     let existing = |path: PathBuf| path.exists().then_some(path);
     let mask = job.masks.as_ref().map(|folder| {
         let path = folder.join(format!("{}.png", view.name));
@@ -109,10 +109,7 @@ fn entry(
         mask: mask.transpose()?,
         image: existing(workspace.image(&view.name)),
         view: View {
-            camera: view
-                .camera
-                .resized(width, height)
-                .map_err(|error| Error::invalid(depth.display().to_string(), error.to_string()))?,
+            camera: camera_for(&view.camera, size, &depth)?,
             ..view.clone()
         },
         depth,

@@ -219,13 +219,7 @@ fn options_that_a_mode_does_not_ask_for_are_refused_and_change_nothing() {
         let end = bytes.windows(11).position(|part| part == b"end_header\n");
         bytes[end.unwrap()..].to_vec()
     };
-    for mode in [
-        FuseMode::Hkust,
-        FuseMode::Geo,
-        FuseMode::Dynamic,
-        FuseMode::Gipuma,
-        FuseMode::Cluster,
-    ] {
+    for mode in FuseMode::ALL {
         job.fuse = FuseOptions::of(mode);
         let usual = points(&job);
         for (option, change) in changes {

@@ -17,14 +17,6 @@ use mvs_metrics::crop::Prism;
 /// The stages in their order.
 pub(super) const STAGES: [&str; 5] = ["render", "estimate", "fuse", "align", "score"];
 
-pub(super) const MODES: [FuseMode; 5] = [
-    FuseMode::Hkust,
-    FuseMode::Geo,
-    FuseMode::Dynamic,
-    FuseMode::Gipuma,
-    FuseMode::Cluster,
-];
-
 /// One number of a run, a row of the file.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Number {
@@ -123,7 +115,7 @@ pub(super) fn run(name: &str, options: SyntheticOptions, fault: Option<Fault>) -
     let estimates = estimate(&setting, &rendered, fault, &mut numbers);
     let truth = FinitePoints::of_cloud(setting.scene.sample_surface(0.5 * setting.tau).unwrap());
     let starts = [Profile::Official, Profile::Strict].map(|profile| start(&setting, profile));
-    for mode in MODES {
+    for mode in FuseMode::ALL {
         let variant = format!("{mode:?}").to_lowercase();
         let cloud = fused(&estimates, mode, &variant, fault, &mut numbers);
         score_plain(&setting, (&cloud, &truth), &variant, fault, &mut numbers);
