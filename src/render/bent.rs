@@ -31,12 +31,12 @@ impl Bent {
         let mut directions = vec![DVec3::NAN; STRIDE * SIZE];
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for row in 0..height {
-            for column in 0..width {
-                let direction = place.eye.direction(place.column + column, place.row + row);
+            let found = place.eye.directions(place.column, place.row + row, width);
+            for (column, direction) in found.into_iter().enumerate() {
                 if direction.is_finite() {
-                    directions[Spot { column, row }.index()] = direction;
-                    low = low.min(direction.truncate());
-                    high = high.max(direction.truncate());
+                    directions[Spot { column, row }.index()] = direction.extend(1.0);
+                    low = low.min(direction);
+                    high = high.max(direction);
                 }
             }
         }

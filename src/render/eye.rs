@@ -50,4 +50,13 @@ impl<'m> Eye<'m> {
         }
         ((sample - self.principal) / self.focal).extend(1.0)
     }
+
+    /// x and y of the directions of `count` samples in a row behind a lens, from one on.
+    pub(crate) fn directions(&self, column: usize, row: usize, count: usize) -> Vec<DVec2> {
+        let center = |column: usize| DVec2::new(column as f64, row as f64) + 0.5;
+        let samples = (column..column + count).map(center);
+        let mut found: Vec<_> = samples.map(|at| at / f64::from(self.side)).collect();
+        self.frame.camera().rays(&mut found);
+        found
+    }
 }

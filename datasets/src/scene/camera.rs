@@ -142,6 +142,16 @@ impl Camera {
             .extend(1.0)
     }
 
+    /// Puts x and y of [`Camera::ray`] in the place of each pixel, to the same bits; many at once are up to ten
+    /// times as fast as one by one.
+    pub fn rays(&self, pixels: &mut [DVec2]) {
+        let (focal, center) = (self.focal(), self.center());
+        for pixel in &mut *pixels {
+            *pixel = (*pixel - center) / focal;
+        }
+        self.distortion.undistort_all(self.field_radius, pixels);
+    }
+
     /// Whether continuous coordinates lie on the image, borders included.
     pub fn contains(&self, pixel: DVec2) -> bool {
         pixel.x >= 0.0

@@ -1,4 +1,4 @@
-use glam::{DMat2, DVec2};
+use glam::DVec2;
 
 /// Radii up to which a lens is searched for the edge of its field: an angle of 89.4°.
 const WIDEST: f64 = 100.0;
@@ -74,53 +74,6 @@ impl Distortion {
         self.undistort_within(seen, self.field_radius())
     }
 
-    /// [`Distortion::undistort`] with the field's radius already known.
-    pub(super) fn undistort_within(&self, seen: DVec2, field_radius: f64) -> Option<DVec2> {
-        if *self == Self::None {
-            return Some(seen);
-        }
-        let inside = |ideal: &DVec2| ideal.length() <= field_radius * (1.0 + 1e-9);
-        let near = self.polished(self.guess(seen), seen).filter(inside);
-        near.or_else(|| {
-            let far = self.undo_radial(seen, field_radius)?;
-            self.polished(far, seen).filter(inside)
-        })
-    }
-
-    /// A point that Newton's method can start from, good where the lens is mild.
-    fn guess(&self, seen: DVec2) -> DVec2 {
-        let angle = match self {
-            Self::None | Self::RadialTangential { .. } => return seen,
-            Self::Fisheye { .. } | Self::ThinPrismFisheye { .. } => seen.length(),
-            Self::FieldOfView { omega } => {
-                return seen * (omega / (2.0 * (0.5 * omega).tan()));
-            }
-        };
-        if angle > 0.0 {
-            seen * (angle.min(1.5).tan() / angle)
-        } else {
-            seen
-        }
-    }
-
-    /// Newton's method from `start`; `None` unless the result fits to 1e-12.
-    fn polished(&self, start: DVec2, seen: DVec2) -> Option<DVec2> {
-        let mut ideal = start;
-        let unit = 1.0 + seen.length();
-        let mut last = f64::INFINITY;
-        for _ in 0..20 {
-            let error = self.distort(ideal) - seen;
-            let size = error.length();
-            // Rounding keeps the last bits moving: no better than before is good enough.
-            if size <= 1e-16 * unit || (size <= 1e-14 * unit && size >= last) {
-                break;
-            }
-            last = size;
-            ideal -= self.jacobian(ideal).inverse() * error;
-        }
-        ((self.distort(ideal) - seen).length() <= 1e-12 * unit).then_some(ideal)
-    }
-
     /// The largest radius up to which radii grow when distorted, so that there is one ray per image
     /// point; infinite when there is no such limit.
     pub fn field_radius(&self) -> f64 {
@@ -147,44 +100,8 @@ impl Distortion {
         f64::INFINITY
     }
 
-    /// The radial part alone, undone by Newton's method inside a bracket that halves when in doubt.
-    fn undo_radial(&self, seen: DVec2, field_radius: f64) -> Option<DVec2> {
-        let target = seen.length();
-        if target == 0.0 {
-            return Some(seen);
-        }
-        let (mut low, mut high) = (0.0, field_radius.min(2.0 * target + 1.0));
-        while self.profile(high).0 < target {
-            if high >= field_radius || high > 1e6 {
-                // Beyond the field radially; tangential bending may still reach it from the edge.
-                return (self.profile(high).0 * 1.05 > target).then(|| seen * (high / target));
-            }
-            high = (2.0 * high).min(field_radius);
-        }
-        let mut radius = target.min(0.5 * (low + high));
-        for _ in 0..100 {
-            let (value, slope) = self.profile(radius);
-            if value > target {
-                high = radius;
-            } else {
-                low = radius;
-            }
-            let newton = radius - (value - target) / slope;
-            let next = if newton > low && newton < high {
-                newton
-            } else {
-                0.5 * (low + high)
-            };
-            if (next - radius).abs() <= 1e-14 * radius {
-                break;
-            }
-            radius = next;
-        }
-        Some(seen * (radius / target))
-    }
-
     /// What a radius becomes without tangential bending, and how fast that grows.
-    fn profile(&self, radius: f64) -> (f64, f64) {
+    pub(super) fn profile(&self, radius: f64) -> (f64, f64) {
         match self {
             Self::None => (radius, 1.0),
             Self::RadialTangential { .. } => {
@@ -226,36 +143,6 @@ impl Distortion {
         (over / under, slope)
     }
 
-    /// The derivative of [`Distortion::distort`].
-    fn jacobian(&self, ideal: DVec2) -> DMat2 {
-        let radius = ideal.length();
-        if radius < 1e-12 {
-            return DMat2::from_diagonal(DVec2::splat(self.profile(0.0).1));
-        }
-        let (value, slope) = self.profile(radius);
-        let factor = value / radius;
-        let along = ideal / radius;
-        let bend = slope - factor;
-        let mut jacobian = DMat2::from_cols(
-            DVec2::new(factor + bend * along.x * along.x, bend * along.x * along.y),
-            DVec2::new(bend * along.x * along.y, factor + bend * along.y * along.y),
-        );
-        match self {
-            Self::RadialTangential { tangential, .. } => {
-                jacobian += Shift(*tangential, [0.0; 2]).slope(ideal);
-            }
-            Self::ThinPrismFisheye {
-                tangential, prism, ..
-            } => {
-                let plain = Self::Fisheye { radial: [0.0; 4] };
-                let plane = ideal * (radius.atan() / radius);
-                jacobian += Shift(*tangential, *prism).slope(plane) * plain.jacobian(ideal);
-            }
-            Self::None | Self::Fisheye { .. } | Self::FieldOfView { .. } => {}
-        }
-        jacobian
-    }
-
     /// Whether all coefficients are finite, and an angle inside its range.
     pub fn is_sound(&self) -> bool {
         match self {
@@ -291,22 +178,14 @@ impl Shift {
             2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y) + s2 * r2,
         )
     }
-
-    fn slope(&self, DVec2 { x, y }: DVec2) -> DMat2 {
-        let Self([p1, p2], [s1, s2]) = self;
-        2.0 * DMat2::from_cols(
-            DVec2::new(p1 * y + (3.0 * p2 + s1) * x, p2 * y + (p1 + s2) * x),
-            DVec2::new(p1 * x + (p2 + s1) * y, p2 * x + (3.0 * p1 + s2) * y),
-        )
-    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn lenses() -> Vec<Distortion> {
+    pub(in crate::scene) fn lenses() -> Vec<Distortion> {
         let lens = |radial, tangential| Distortion::RadialTangential { radial, tangential };
         vec![
             Distortion::None,
@@ -356,17 +235,6 @@ mod tests {
             let ideal = radius * DVec2::from_angle(angle);
             let back = lens.undistort(lens.distort(ideal)).unwrap();
             prop_assert!((back - ideal).length() < 1e-9, "{lens:?} {ideal} {back}");
-        }
-
-        #[test]
-        fn the_jacobian_is_the_slope(which in 0usize..8, x in -0.7..0.7f64, y in -0.7..0.7f64) {
-            let lens = lenses()[which];
-            let at = DVec2::new(x, y);
-            let step = 1e-6;
-            for axis in [DVec2::X, DVec2::Y] {
-                let slope = (lens.distort(at + step * axis) - lens.distort(at - step * axis)) / (2.0 * step);
-                prop_assert!((lens.jacobian(at) * axis - slope).length() < 1e-8);
-            }
         }
     }
 

@@ -15,6 +15,7 @@ mod distortion;
 mod mesh;
 mod raster;
 mod similarity;
+mod undistort;
 mod view;
 mod volume;
 
