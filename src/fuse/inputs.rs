@@ -21,7 +21,7 @@ pub trait DepthMaps: Sync {
     /// The estimated z-depth.
     fn depth(&self, index: usize) -> Result<DepthMap>;
     /// Calls `take(row, first column, depths)` for runs of columns of [`DepthMaps::depth`], row by row from the
-    /// top, after a check of its size. Where there is no run, there is no depth.
+    /// top or the bottom, after a check of its size. Where there is no run, there is no depth.
     fn depth_runs(&self, index: usize, take: &mut dyn FnMut(usize, usize, &[f32])) -> Result<()> {
         let depth = self.depth(index)?;
         check_size(self.view(index), depth.size(), "depth map")?;

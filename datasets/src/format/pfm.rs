@@ -54,17 +54,19 @@ fn read_whole(bytes: &[u8]) -> Result<(Header, &[u8]), FormatError> {
 /// Columns that [`gray_runs`] takes together.
 const RUN: usize = 64;
 
-/// Calls `take(row, first column, values)` for the runs of columns, row by row from the top, of a one-channel
-/// PFM of this size in which there is anything but zeros. Values are as stored; what `take` makes of them is
-/// overwritten by the next.
+/// Calls `take(row, first column, values)` for the runs of columns, row by row as they are stored, from the
+/// bottom, of a one-channel PFM of this size in which there is anything but zeros. Values are as stored; what
+/// `take` makes of them is overwritten by the next.
+///
+/// `passed` is given all bytes of the file, in pieces one after the other, each soon after it was looked at.
 pub fn gray_runs(
     bytes: &[u8],
     size: (u32, u32),
     mut take: impl FnMut(usize, usize, &mut [f32]),
+    passed: impl FnMut(&[u8]),
 ) -> Result<(), FormatError> {
-    let (header, body) = read_gray_of(bytes, size)?;
     let mut values = [0.0; RUN];
-    for (row, bytes) in body.rchunks_exact((4 * size.0 as usize).max(1)).enumerate() {
+    each_row(bytes, size, passed, |header, row, bytes| {
         for (run, bytes) in bytes.chunks(4 * RUN).enumerate() {
             if is_zero(bytes) {
                 continue;
@@ -73,7 +75,35 @@ pub fn gray_runs(
             header.convert(bytes.as_chunks().0, values);
             take(row, run * RUN, values);
         }
+    })
+}
+
+/// Bytes that are passed on together, at least: they are still in the processor's second cache, and a multiple
+/// of what hashes are made of.
+const PIECE: usize = 1 << 17;
+
+/// Calls `each(header, row, bytes)` with the rows of a one-channel PFM of this size as they are stored, from the
+/// bottom; `passed` as [`gray_runs`] says.
+fn each_row(
+    bytes: &[u8],
+    size: (u32, u32),
+    mut passed: impl FnMut(&[u8]),
+    mut each: impl FnMut(&Header, usize, &[u8]),
+) -> Result<(), FormatError> {
+    let (header, body) = read_gray_of(bytes, size)?;
+    let rows = body.chunks_exact((4 * size.0 as usize).max(1));
+    let (mut end, mut waiting) = (bytes.len() - body.len(), bytes);
+    for (row, row_bytes) in (0..size.1 as usize).rev().zip(rows) {
+        each(&header, row, row_bytes);
+        end += row_bytes.len();
+        let done = end - (bytes.len() - waiting.len());
+        let (piece, rest) = waiting.split_at(done / PIECE * PIECE);
+        if !piece.is_empty() {
+            passed(piece);
+            waiting = rest;
+        }
     }
+    passed(waiting);
     Ok(())
 }
 
@@ -86,24 +116,23 @@ fn is_zero(bytes: &[u8]) -> bool {
     bits == 0 && rest.iter().all(|&byte| byte == 0)
 }
 
-/// Calls `take(row, columns, values)` with the `wanted` columns of every row, from the top, of a one-channel
-/// PFM of this size. Values are as stored; what is not wanted is not looked at.
+/// Calls `take(row, columns, values)` with the `wanted` columns of every row, from the bottom, of a one-channel
+/// PFM of this size. Values are as stored; what is not wanted is not looked at. `passed` is as for [`gray_runs`].
 pub fn gray_parts(
     bytes: &[u8],
     size: (u32, u32),
     wanted: impl Fn(usize) -> Range<usize>,
     mut take: impl FnMut(usize, Range<usize>, &[f32]),
+    passed: impl FnMut(&[u8]),
 ) -> Result<(), FormatError> {
-    let (header, body) = read_gray_of(bytes, size)?;
     let mut values = vec![0.0; size.0 as usize];
-    for (row, bytes) in body.rchunks_exact((4 * values.len()).max(1)).enumerate() {
+    each_row(bytes, size, passed, |header, row, bytes| {
         let columns = wanted(row);
         let floats = &bytes.as_chunks().0[columns.clone()];
         let values = &mut values[..floats.len()];
         header.convert(floats, values);
         take(row, columns, values);
-    }
-    Ok(())
+    })
 }
 
 impl Header {
@@ -352,24 +381,61 @@ mod tests {
     fn runs_are_what_is_not_zero_of_the_whole() {
         for bytes in both_ways(&gappy()) {
             let mut found = Raster::filled(150, 4, 0.0).unwrap();
-            let mut runs = Vec::new();
-            gray_runs(&bytes, (150, 4), |row, first, values| {
+            let (mut runs, mut passed) = (Vec::new(), Vec::new());
+            let take = |row, first, values: &mut [f32]| {
                 runs.push((row, first, values.len()));
                 for (at, value) in values.iter_mut().enumerate() {
                     found.set((first + at) as u32, row as u32, *value);
                     *value = 7.0; // must not be seen again
                 }
-            })
-            .unwrap();
-            assert_eq!(runs, [(0, 0, 64), (0, 128, 22), (1, 64, 64), (2, 64, 64)]);
+            };
+            let whole = |piece: &[u8]| passed.extend_from_slice(piece);
+            gray_runs(&bytes, (150, 4), take, whole).unwrap();
+            assert_eq!(runs, [(2, 64, 64), (1, 64, 64), (0, 0, 64), (0, 128, 22)]);
             assert_eq!(bits(&found), bits(&gappy()));
+            assert!(passed == bytes);
         }
         let [little, _] = both_ways(&gappy());
-        let refused = |bytes: &[u8], size| gray_runs(bytes, size, |_, _, _| {}).unwrap_err();
+        let refused = |bytes: &[u8], size| {
+            let nothing = |_: &[u8]| panic!("nothing was looked at");
+            gray_runs(bytes, size, |_, _, _| {}, nothing).unwrap_err()
+        };
         let error = refused(&little, (4, 150)).to_string();
         assert!(error.contains("expected one channel of 4x150, found one of 150x4"));
         let error = refused(&little[..50], (150, 4)).to_string();
         assert!(error.contains("bytes after the header, found"));
+    }
+
+    #[test]
+    fn all_bytes_are_passed_on_in_large_pieces_after_their_rows() {
+        for (width, height) in [(100_000, 5), (7, 30_000), (1, 40_000), (32_768, 3)] {
+            let raster = Raster::filled(width, height, 1.0).unwrap();
+            let mut bytes = Vec::new();
+            write_gray(&mut bytes, &raster).unwrap();
+            let rows = std::cell::Cell::new(0);
+            let mut lengths = Vec::new();
+            let mut rest = bytes.as_slice();
+            let header = bytes.len() - 4 * (width * height) as usize;
+            let passed = |piece: &[u8]| {
+                let (expected, more) = rest.split_at(piece.len());
+                assert!(piece == expected);
+                rest = more;
+                lengths.push(piece.len());
+                let seen = header + 4 * width as usize * rows.get();
+                assert!(bytes.len() - rest.len() <= seen);
+            };
+            let wanted = |_| 0..width as usize;
+            let count = |_, _, _: &[f32]| rows.set(rows.get() + 1);
+            gray_parts(&bytes, (width, height), wanted, count, passed).unwrap();
+            assert!(rest.is_empty());
+            let last = lengths.pop().unwrap();
+            assert!(last < PIECE + 4 * width as usize, "{last}");
+            assert!(
+                lengths
+                    .iter()
+                    .all(|&length| length.is_multiple_of(PIECE) && length > 0)
+            );
+        }
     }
 
     #[test]
@@ -378,20 +444,20 @@ mod tests {
         let raster = Raster::from_values(4, 3, values).unwrap();
         let wanted = |row: usize| [0..4, 2..2, 1..3][row].clone();
         for bytes in both_ways(&raster) {
-            let mut found = Vec::new();
-            gray_parts(&bytes, (4, 3), wanted, |row, columns, values| {
-                found.push((row, columns, values.to_vec()));
-            })
-            .unwrap();
+            let (mut found, mut passed) = (Vec::new(), Vec::new());
+            let take = |row, columns, values: &[f32]| found.push((row, columns, values.to_vec()));
+            let whole = |piece: &[u8]| passed.extend_from_slice(piece);
+            gray_parts(&bytes, (4, 3), wanted, take, whole).unwrap();
             let expected = [
-                (0, 0..4, vec![-3.5, -2.5, -1.5, -0.5]),
-                (1, 2..2, vec![]),
                 (2, 1..3, vec![5.5, 6.5]),
+                (1, 2..2, vec![]),
+                (0, 0..4, vec![-3.5, -2.5, -1.5, -0.5]),
             ];
             assert_eq!(found, expected);
+            assert!(passed == bytes);
         }
         let [little, _] = both_ways(&raster);
-        let refused = |bytes: &[u8], size| gray_parts(bytes, size, |_| 0..3, |_, _, _| {});
+        let refused = |bytes: &[u8], size| gray_parts(bytes, size, |_| 0..3, |_, _, _| {}, |_| {});
         assert!(refused(&little, (3, 4)).is_err());
         assert!(refused(&little[..50], (4, 3)).is_err());
     }

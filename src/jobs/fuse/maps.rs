@@ -202,7 +202,9 @@ impl DepthMaps for FolderMaps<'_> {
                     all.add(DepthMap::clean_values(values));
                     take(row, first, values);
                 };
-                self.read(depth, |bytes| pfm::gray_runs(bytes, size, clean))?;
+                self.read_through(depth, |bytes, passed| {
+                    pfm::gray_runs(bytes, size, clean, passed)
+                })?;
                 self.warn_of(depth, all);
             }
             Encoding::Dense => take_rows(&self.depth(index)?, take),
@@ -243,11 +245,11 @@ impl DepthMaps for FolderMaps<'_> {
             to[row * width..][wanted].copy_from_slice(values);
         };
         let mut found = size;
-        self.read(only, |bytes| {
+        self.read_through(only, |bytes, passed| {
             found = pfm::read_size(bytes)?;
             match found == size {
-                true => pfm::gray_parts(bytes, size, wanted, put),
-                false => Ok(()), // to be said in another way
+                true => pfm::gray_parts(bytes, size, wanted, put, passed),
+                false => Ok(passed(bytes)), // to be said in another way
             }
         })?;
         self.check_size(index, only, found)?;
@@ -326,11 +328,24 @@ impl FolderMaps<'_> {
         path: &Path,
         read: impl FnOnce(&[u8]) -> std::result::Result<T, FormatError>,
     ) -> Result<T> {
-        let hashed = |bytes: &[u8]| {
-            self.inputs.is_read(path, bytes);
+        self.read_through(path, |bytes, passed| {
+            passed(bytes);
             read(bytes)
-        };
-        Ok(files::read_with(path, hashed)?)
+        })
+    }
+
+    /// As [`FolderMaps::read`], where `read` hands on all bytes itself, soon after it looked at them.
+    fn read_through<T>(
+        &self,
+        path: &Path,
+        read: impl FnOnce(&[u8], &mut dyn FnMut(&[u8])) -> std::result::Result<T, FormatError>,
+    ) -> Result<T> {
+        let mut reading = self.inputs.reading(path);
+        let value = files::read_with(path, |bytes| {
+            read(bytes, &mut |piece| reading.passed(piece))
+        })?;
+        reading.done();
+        Ok(value)
     }
 
     fn warn_of(&self, path: &Path, rejected: RejectedDepths) {
