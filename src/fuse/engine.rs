@@ -276,6 +276,7 @@ impl Engine<'_> {
     fn point_pass(&self, from: Maps, rule: Rule, sink: &mut dyn PointSink) -> Result<FuseCounts> {
         let columns = columns(self.inputs.maps, self.options)
             .and(Columns::VISIBLE.when(sink.wants_visible()));
+        let as_bytes = sink.wants_rows();
         let mut cache = Cache::new(self.inputs.memory / 2);
         // Of the reference alone they are wanted once.
         let mut images = Cache::new(match self.options.colors {
@@ -291,7 +292,8 @@ impl Engine<'_> {
         let mut bands: Vec<Band> = (0..at_a_time).map(|_| Band::default()).collect();
         self.for_each_view("making points", |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
-            let finish = self.finish(&mut reference, columns, &mut images)?;
+            let mut finish = self.finish(&mut reference, columns, &mut images)?;
+            finish.as_bytes = as_bytes;
             let height = reference.samples.height();
             let batch_rows = bands.len() * BAND_ROWS;
             for first in (0..height).step_by(batch_rows) {
@@ -303,7 +305,12 @@ impl Engine<'_> {
                     }
                 });
                 for band in &bands {
-                    band.rows.iter().try_for_each(|row| sink.take(row))?;
+                    match as_bytes {
+                        Some(_) => {
+                            (band.bytes.iter()).try_for_each(|row| sink.take_rows(row.bytes()))
+                        }
+                        None => band.rows.iter().try_for_each(|row| sink.take(row)),
+                    }?;
                     counts = counts.plus(band.counts);
                 }
             }

@@ -9,6 +9,7 @@ use super::confident::Rows;
 use super::consensus::Consensus;
 use super::geometry::unprojection;
 use super::kernel::{BLOCK, Block, Seen};
+use super::rows::Described;
 use super::samples::Unit;
 use super::source::Photo;
 use crate::ahead::prefetch;
@@ -61,6 +62,8 @@ pub(super) struct Room {
     texels: Vec<[u32; BLOCK]>,
     sums: [[u32; BLOCK]; 3],
     colored: [u32; BLOCK],
+    /// Mixed ones, if there are any.
+    colors: [[u8; 3]; BLOCK],
 }
 
 impl Room {
@@ -77,6 +80,8 @@ impl Room {
             texels: vec![[0; BLOCK]; sources],
             sums: [[0; BLOCK]; 3],
             colored: [0; BLOCK],
+            // White without an image.
+            colors: [[255; 3]; BLOCK],
         }
     }
 
@@ -85,21 +90,21 @@ impl Room {
         DVec3::new(x[i], y[i], z[i])
     }
 
-    /// Positions of a run.
-    pub(super) fn positions(&self, run: &Run) -> impl ExactSizeIterator<Item = DVec3> {
-        let [x, y, z] = self.position.each_ref().map(|axis| &axis[run.clone()]);
-        let places = x.iter().zip(y).zip(z);
-        places.map(|((&x, &y), &z)| DVec3::new(x, y, z))
-    }
-
-    /// What a pixel spans at each point.
-    pub(super) fn scales(&self) -> &[f32; BLOCK] {
-        &self.scale
-    }
-
-    /// Views that agree on each point, the reference counted.
-    pub(super) fn views(&self) -> &[u32; BLOCK] {
-        &self.views
+    /// A run of points; the colours are the mixed ones.
+    pub(super) fn described<'a>(
+        &'a self,
+        run: &Run,
+        (consensus, confidences): (&'a Consensus, &'a [f32]),
+    ) -> Described<'a> {
+        Described {
+            positions: self.position.each_ref().map(|axis| &axis[run.clone()]),
+            normals: self.normal.each_ref().map(|axis| &axis[run.clone()]),
+            colors: &self.colors[run.clone()],
+            view_counts: &self.views[run.clone()],
+            confidences,
+            violations: &consensus.violations[run.clone()],
+            scales: &self.scale[run.clone()],
+        }
     }
 
     /// Of the first `len` pixels, a bit for each on which enough sources agree.
@@ -121,20 +126,21 @@ impl Room {
         }
     }
 
-    /// The normals of a run by whole windows; `None` where one has gaps.
-    pub(super) fn normals(&self, run: &Run) -> Option<impl ExactSizeIterator<Item = Vec3>> {
-        let whole = self.whole[run.clone()]
-            .iter()
-            .fold(1, |all, whole| all & whole);
-        let [x, y, z] = self.normal.each_ref().map(|axis| &axis[run.clone()]);
-        let all = x.iter().zip(y).zip(z);
-        (whole == 1).then(|| all.map(|((&x, &y), &z)| Vec3::new(x, y, z)))
+    /// Whether the windows of all of a run are whole: then their normals are there.
+    pub(super) fn are_whole(&self, run: &Run) -> bool {
+        let whole = self.whole[run.clone()].iter();
+        whole.fold(1, |all, whole| all & whole) == 1
     }
 
-    /// The normal by the whole window; `None` where that has gaps.
-    pub(super) fn normal(&self, i: usize) -> Option<Vec3> {
-        let [x, y, z] = &self.normal;
-        (self.whole[i] == 1).then(|| Vec3::new(x[i], y[i], z[i]))
+    /// Whether the window is whole.
+    pub(super) fn is_whole(&self, i: usize) -> bool {
+        self.whole[i] == 1
+    }
+
+    pub(super) fn set_normal(&mut self, i: usize, normal: Vec3) {
+        for (axis, value) in self.normal.iter_mut().zip(normal.to_array()) {
+            axis[i] = value;
+        }
     }
 
     /// Copies the windows around the pixels of `runs`, which come in order: what is copied past the end of one
@@ -192,9 +198,12 @@ impl Room {
         }
     }
 
-    pub(super) fn color(&self, i: usize) -> [u8; 3] {
+    /// Keeps the colours that were mixed.
+    pub(super) fn keep_colors(&mut self) {
         let [red, green, blue] = &self.sums;
-        [red, green, blue].map(|channel| channel[i].to_le_bytes()[0])
+        for (i, color) in self.colors.iter_mut().enumerate() {
+            *color = [red, green, blue].map(|channel| channel[i].to_le_bytes()[0]);
+        }
     }
 }
 
@@ -203,20 +212,6 @@ pub(super) type Run = Range<usize>;
 
 /// Entries that are copied at a time.
 const STEP: usize = 16;
-
-/// Adds the entries of a run of `from` to a column: as many as are copied at a time, and then without those
-/// past its end, because what has a known length is copied in a few instructions.
-#[inline]
-pub(super) fn extend<T: Copy>(column: &mut Vec<T>, from: &[T], run: &Run) {
-    match from[run.start..].first_chunk::<STEP>() {
-        Some(step) if run.len() <= STEP => {
-            let end = column.len() + run.len();
-            column.extend_from_slice(step);
-            column.truncate(end);
-        }
-        _ => column.extend_from_slice(&from[run.clone()]),
-    }
-}
 
 /// Where the block's points lie: at the fused depths.
 pub(super) struct Place<'a> {

@@ -27,6 +27,7 @@ mod oracle;
 mod points;
 pub mod presets;
 mod reference;
+mod rows;
 mod rules;
 mod samples;
 pub mod sampling;

@@ -1,5 +1,6 @@
 //! Points on their way out, by column.
 
+use super::rows::Described;
 use crate::error::Result;
 use glam::{DVec3, Vec3};
 use mvs_datasets::scene::PointCloud;
@@ -15,9 +16,19 @@ impl Columns {
     pub const COLORS: Self = Self(2);
     /// Confidences.
     pub const CONFIDENCES: Self = Self(4);
+    /// Violations and scales: [`Points`] always have them, rows of bytes may not.
+    pub const EXTRAS: Self = Self(8);
+    /// Which views see each point; rows of bytes never have that.
+    pub const VISIBLE: Self = Self(16);
 
-    /// Which views see each point.
-    pub const VISIBLE: Self = Self(8);
+    /// As an index: of what rows of bytes may have.
+    pub(super) const fn row_bits(self) -> u8 {
+        self.0 & 15
+    }
+
+    pub(super) const fn of_row_bits(bits: u8) -> Self {
+        Self(bits & 15)
+    }
 
     /// Both together.
     #[must_use]
@@ -32,7 +43,7 @@ impl Columns {
     }
 
     /// Whether all of `other` are among these.
-    pub fn has(self, other: Self) -> bool {
+    pub const fn has(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
 }
@@ -67,6 +78,29 @@ impl Points {
     /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
+    }
+
+    /// Adds described points, but for the views that see them.
+    pub(super) fn add(&mut self, columns: Columns, points: &Described<'_>) {
+        let [x, y, z] = points.positions;
+        let places = x.iter().zip(y).zip(z);
+        let places = places.map(|((&x, &y), &z)| DVec3::new(x, y, z));
+        self.positions.extend(places);
+        self.view_counts.extend_from_slice(points.view_counts);
+        self.violations.extend_from_slice(points.violations);
+        self.scales.extend_from_slice(points.scales);
+        if columns.has(Columns::NORMALS) {
+            let [x, y, z] = points.normals;
+            let normals = x.iter().zip(y).zip(z);
+            let normals = normals.map(|((&x, &y), &z)| Vec3::new(x, y, z));
+            self.normals.extend(normals);
+        }
+        if columns.has(Columns::COLORS) {
+            self.colors.extend_from_slice(points.colors);
+        }
+        if columns.has(Columns::CONFIDENCES) {
+            self.confidences.extend_from_slice(points.confidences);
+        }
     }
 
     /// Moves `other`'s points to the end of these; its memory can be used again.
@@ -113,6 +147,20 @@ impl Points {
 pub trait PointSink {
     /// Takes some points of a view.
     fn take(&mut self, points: &Points) -> Result<()>;
+    /// The columns of the rows that it takes instead, if it does; those that the points do not have must not be
+    /// among them.
+    fn wants_rows(&self) -> Option<Columns> {
+        None
+    }
+    /// Takes some points of a view as rows of bytes, where it wants them; else points. Little-endian and without
+    /// gaps: the position as three f64, the normal as three f32, the colour, the number of views as u32, the
+    /// confidence as f32, the violations as u32 and the scale as f32, of which columns leave out some.
+    ///
+    /// # Errors
+    /// What stands in the way of writing them.
+    fn take_rows(&mut self, _rows: &[u8]) -> Result<()> {
+        Ok(())
+    }
     /// Hears that a view has no more points; called for every view.
     fn view_done(&mut self) -> Result<()> {
         Ok(())

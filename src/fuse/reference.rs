@@ -4,11 +4,12 @@
 use super::confident::{Confident, Rows};
 use super::consensus::Consensus;
 use super::counts::FuseCounts;
-use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room, Run, extend};
+use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room, Run};
 use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
 use super::points::{Columns, Points};
+use super::rows::{Described, RowBytes};
 use super::rules::{Against, Bounds, Case, Court, Kept, Rule, Verdict};
 use super::samples::Samples;
 use super::sampling;
@@ -49,8 +50,10 @@ pub(super) struct Reference<'a> {
 /// What a band of rows becomes; its memory is used again.
 #[derive(Default)]
 pub(super) struct Band {
-    /// The points of each row.
+    /// The points of each row, if they are not wanted as bytes.
     pub(super) rows: Vec<Points>,
+    /// The same as bytes.
+    pub(super) bytes: Vec<RowBytes>,
     /// What became of the pixels.
     pub(super) counts: FuseCounts,
     /// Room for the band's own depths.
@@ -63,6 +66,8 @@ pub(super) struct Finish<'a> {
     /// The sources' centres in the world.
     pub(super) centers: Vec<DVec3>,
     pub(super) columns: Columns,
+    /// The columns of rows of bytes, where those are wanted.
+    pub(super) as_bytes: Option<Columns>,
     pub(super) photo: Option<Arc<Photo>>,
     pub(super) confidence: Option<Raster<f32>>,
     pub(super) normals: Option<NormalMap>,
@@ -106,6 +111,8 @@ impl Reference<'_> {
     pub(super) fn points(&self, rows: Range<usize>, finish: &Finish<'_>, band: &mut Band) {
         band.rows.resize_with(rows.len(), Points::default);
         band.rows.iter_mut().for_each(Points::clear);
+        band.bytes.resize_with(rows.len(), RowBytes::default);
+        band.bytes.iter_mut().for_each(RowBytes::clear);
         if rows.is_empty() {
             band.counts = FuseCounts::default();
             return;
@@ -132,8 +139,16 @@ impl Reference<'_> {
             }
             self.describe(&runs, (block, seen), (finish, own), &mut room);
             for run in &runs {
-                let points = &mut band.rows[block.row(run.start) - rows.start];
-                self.add(run, (block, seen, consensus), (finish, &room), points);
+                let row = block.row(run.start) - rows.start;
+                let points = self.described(run, (block, consensus), (finish, &room));
+                if let Some(columns) = finish.as_bytes {
+                    band.bytes[row].add(columns, &points);
+                    continue;
+                }
+                band.rows[row].add(finish.columns, &points);
+                if finish.columns.has(Columns::VISIBLE) {
+                    self.add_visible(run, seen, &mut band.rows[row]);
+                }
             }
         });
         band.counts = counts;
@@ -303,15 +318,16 @@ impl Reference<'_> {
         (finish, own): (&Finish<'_>, Rows<'_>),
         room: &mut Room,
     ) {
-        if finish.columns.has(Columns::NORMALS) && finish.normals.is_none() {
-            room.copy_windows(runs, block, own);
-            Arch::new().dispatch(Face {
-                frame: &finish.frame,
-                block,
-                unit: self.samples.unit(),
-                similar: self.options.similar_depth,
-                room,
-            });
+        if finish.columns.has(Columns::NORMALS) {
+            match &finish.normals {
+                Some(map) => {
+                    for i in runs.iter().cloned().flatten() {
+                        let in_cam = map.values()[block.pixel[i] as usize];
+                        room.set_normal(i, self.to_world(Vec3::from(in_cam)));
+                    }
+                }
+                None => self.fit_normals(runs, block, (&finish.frame, own), room),
+            }
         }
         if let (true, Some(photo)) = (finish.columns.has(Columns::COLORS), &finish.photo)
             && !self.copies_colors(photo)
@@ -320,56 +336,36 @@ impl Reference<'_> {
         }
     }
 
-    /// Adds a run of entries, which are described, as points.
-    fn add(
-        &self,
+    /// A run of entries, whose normals and colours were found.
+    fn described<'a>(
+        &'a self,
         run: &Run,
-        (block, seen, consensus): (&Block, &[Seen], &Consensus),
-        (finish, room): (&Finish<'_>, &Room),
-        points: &mut Points,
-    ) {
-        points.positions.extend(room.positions(run));
-        extend(&mut points.view_counts, room.views(), run);
-        extend(&mut points.violations, &consensus.violations, run);
-        extend(&mut points.scales, room.scales(), run);
-        if finish.columns.has(Columns::VISIBLE) {
-            for i in run.clone() {
-                points.visible_in.push(number(self.number));
-                let pairs = self.sources.iter().zip(seen);
-                let agreeing = pairs.filter(|(_, seen)| seen.agrees[i] == 1);
-                let numbers = agreeing.map(|(source, _)| number(source.number));
-                points.visible_in.extend(numbers);
-            }
+        (block, consensus): (&Block, &'a Consensus),
+        (finish, room): (&'a Finish<'_>, &'a Room),
+    ) -> Described<'a> {
+        let first = block.pixel[run.start] as usize;
+        let confidences = match self.confidences(finish) {
+            Some(map) => &map[first..first + run.len()],
+            None => &[1.0; BLOCK][..run.len()],
+        };
+        let mut described = room.described(run, (consensus, confidences));
+        if let (true, Some(photo)) = (finish.columns.has(Columns::COLORS), &finish.photo)
+            && self.copies_colors(photo)
+        {
+            let first = photo.place(block.column(run.start), block.row(run.start));
+            described.colors = &photo.part.values()[first..first + run.len()];
         }
-        if finish.columns.has(Columns::NORMALS) {
-            match room.normals(run).filter(|_| finish.normals.is_none()) {
-                Some(normals) => points.normals.extend(normals),
-                None => {
-                    let normal = |i: usize| self.normal(i, block, finish, room);
-                    points.normals.extend(run.clone().map(normal));
-                }
-            }
-        }
-        if finish.columns.has(Columns::COLORS) {
-            match &finish.photo {
-                Some(photo) if self.copies_colors(photo) => {
-                    let first = photo.place(block.column(run.start), block.row(run.start));
-                    let colors = &photo.part.values()[first..];
-                    extend(&mut points.colors, colors, &(0..run.len()));
-                }
-                Some(_) => points.colors.extend(run.clone().map(|i| room.color(i))),
-                // White without an image.
-                None => points.colors.extend(run.clone().map(|_| [255; 3])),
-            }
-        }
-        if finish.columns.has(Columns::CONFIDENCES) {
-            let first = block.pixel[run.start] as usize;
-            match self.confidences(finish) {
-                Some(map) => {
-                    extend(&mut points.confidences, &map[first..], &(0..run.len()));
-                }
-                None => points.confidences.extend(run.clone().map(|_| 1.0)),
-            }
+        described
+    }
+
+    /// Adds the views that see the points of a run.
+    fn add_visible(&self, run: &Run, seen: &[Seen], points: &mut Points) {
+        for i in run.clone() {
+            points.visible_in.push(number(self.number));
+            let pairs = self.sources.iter().zip(seen);
+            let agreeing = pairs.filter(|(_, seen)| seen.agrees[i] == 1);
+            let numbers = agreeing.map(|(source, _)| number(source.number));
+            points.visible_in.extend(numbers);
         }
     }
 
@@ -390,23 +386,43 @@ impl Reference<'_> {
         self.options.colors == Colors::Reference && self.is_as_large(photo)
     }
 
-    /// The given normal or the fitted one, in the world; zero where there is none.
-    fn normal(&self, i: usize, block: &Block, finish: &Finish<'_>, room: &Room) -> Vec3 {
-        let to_world = |in_cam: Vec3| {
-            let normal = self.view.pose.direction_to_world(in_cam.as_dvec3());
-            normal.as_vec3()
-        };
-        let at = block.pixel[i] as usize;
-        if let Some(map) = &finish.normals {
-            return to_world(Vec3::from(map.values()[at]));
+    /// Fits planes to the depths around the entries in `runs`; zero where there is none.
+    fn fit_normals(
+        &self,
+        runs: &[Run],
+        block: &Block,
+        (frame, own): (&Frame, Rows<'_>),
+        room: &mut Room,
+    ) {
+        let (unit, similar) = (self.samples.unit(), self.options.similar_depth);
+        room.copy_windows(runs, block, own);
+        Arch::new().dispatch(Face {
+            frame,
+            block,
+            unit,
+            similar,
+            room,
+        });
+        for run in runs {
+            if room.are_whole(run) {
+                continue;
+            }
+            for i in run.clone() {
+                if room.is_whole(i) {
+                    continue;
+                }
+                let at = block.pixel[i] as usize;
+                let pixel = (at % self.samples.width(), at / self.samples.width());
+                let window = (&room.window(i), unit);
+                let gappy = normals::from_window(window, &self.view.camera, pixel, similar);
+                room.set_normal(i, gappy.map_or(Vec3::ZERO, |normal| self.to_world(normal)));
+            }
         }
-        room.normal(i).unwrap_or_else(|| {
-            let pixel = (at % self.samples.width(), at / self.samples.width());
-            let window = (&room.window(i), self.samples.unit());
-            let (camera, similar) = (&self.view.camera, self.options.similar_depth);
-            let gappy = normals::from_window(window, camera, pixel, similar);
-            gappy.map_or(Vec3::ZERO, to_world)
-        })
+    }
+
+    fn to_world(&self, in_cam: Vec3) -> Vec3 {
+        let normal = self.view.pose.direction_to_world(in_cam.as_dvec3());
+        normal.as_vec3()
     }
 
     /// Mixes the colours of the reference's photograph, or the means over all that agree: the reference's
@@ -427,7 +443,7 @@ impl Reference<'_> {
             room.own_colors(runs, |i| sampling::color(&photo.part, center(i) * scale));
         }
         if self.options.colors == Colors::Reference {
-            return;
+            return room.keep_colors();
         }
         let arch = Arch::new();
         // Source by source, so that the fetches from its image do not wait for each other.
@@ -454,6 +470,7 @@ impl Reference<'_> {
             });
         }
         arch.dispatch(Mean(room));
+        room.keep_colors();
     }
 
     /// Image pixels per depth pixel.

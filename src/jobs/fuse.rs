@@ -12,8 +12,8 @@ use super::{Context, check_out_file, run_file_beside};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::fuse::{
-    CLUSTER_BYTES, DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, MEMORY, MemoryScratch,
-    PointSink, Region, Scratch, VoxelSink, columns, fuse_maps,
+    CLUSTER_BYTES, Columns, DepthMaps, FuseCounts, FuseInputs, FuseMode, FuseOptions, MEMORY,
+    MemoryScratch, PointSink, Region, Scratch, VoxelSink, columns, fuse_maps,
 };
 use crate::provenance::Run;
 pub use check::check_used;
@@ -221,8 +221,9 @@ fn write_cloud(
     let mut failed = None;
     let mut outcome = None;
     let written = files::write_atomically(&job.out, |out| {
-        let columns = columns(maps, &job.fuse);
-        let ply = output::PlySink::new(out, (columns, job.properties), &comments(job), &job.out)?;
+        let extras = Columns::EXTRAS.when(job.properties == Properties::Full);
+        let columns = columns(maps, &job.fuse).and(extras);
+        let ply = output::PlySink::new(out, columns, &comments(job), &job.out)?;
         let mut outputs = Outputs {
             ply,
             visible,

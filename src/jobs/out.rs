@@ -2,10 +2,11 @@
 
 use crate::error::{Error, Result};
 use crate::provenance::Run;
+use mvs_datasets::layout::blocks::BlockWriter;
 use mvs_datasets::layout::files;
 use std::collections::BTreeSet;
 use std::fs;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -127,7 +128,7 @@ impl OutDir {
     pub fn write(
         &self,
         name: impl AsRef<Path>,
-        write: impl FnOnce(&mut BufWriter<fs::File>) -> std::io::Result<()>,
+        write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
     ) -> Result<()> {
         Ok(files::write_atomically(&self.file(name), write)?)
     }

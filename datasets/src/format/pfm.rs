@@ -116,22 +116,21 @@ fn is_zero(bytes: &[u8]) -> bool {
     bits == 0 && rest.iter().all(|&byte| byte == 0)
 }
 
-/// Calls `take(row, columns, values)` with the `wanted` columns of every row, from the bottom, of a one-channel
-/// PFM of this size. Values are as stored; what is not wanted is not looked at. `passed` is as for [`gray_runs`].
+/// Puts the `wanted` columns of every row, numbered from the top, of a one-channel PFM of this size where they
+/// belong in `to`, which is row-major. Values are as stored; what is not wanted is not looked at. `passed` is as
+/// for [`gray_runs`].
 pub fn gray_parts(
     bytes: &[u8],
     size: (u32, u32),
     wanted: impl Fn(usize) -> Range<usize>,
-    mut take: impl FnMut(usize, Range<usize>, &[f32]),
+    to: &mut [f32],
     passed: impl FnMut(&[u8]),
 ) -> Result<(), FormatError> {
-    let mut values = vec![0.0; size.0 as usize];
+    let width = size.0 as usize;
     each_row(bytes, size, passed, |header, row, bytes| {
         let columns = wanted(row);
         let floats = &bytes.as_chunks().0[columns.clone()];
-        let values = &mut values[..floats.len()];
-        header.convert(floats, values);
-        take(row, columns, values);
+        header.convert(floats, &mut to[row * width..][columns]);
     })
 }
 
@@ -424,9 +423,13 @@ mod tests {
                 let seen = header + 4 * width as usize * rows.get();
                 assert!(bytes.len() - rest.len() <= seen);
             };
-            let wanted = |_| 0..width as usize;
-            let count = |_, _, _: &[f32]| rows.set(rows.get() + 1);
-            gray_parts(&bytes, (width, height), wanted, count, passed).unwrap();
+            let wanted = |_| {
+                rows.set(rows.get() + 1);
+                0..width as usize
+            };
+            let mut found = vec![0.0; (width * height) as usize];
+            gray_parts(&bytes, (width, height), wanted, &mut found, passed).unwrap();
+            assert!(found == raster.values());
             assert!(rest.is_empty());
             let last = lengths.pop().unwrap();
             assert!(last < PIECE + 4 * width as usize, "{last}");
@@ -444,20 +447,16 @@ mod tests {
         let raster = Raster::from_values(4, 3, values).unwrap();
         let wanted = |row: usize| [0..4, 2..2, 1..3][row].clone();
         for bytes in both_ways(&raster) {
-            let (mut found, mut passed) = (Vec::new(), Vec::new());
-            let take = |row, columns, values: &[f32]| found.push((row, columns, values.to_vec()));
+            let (mut found, mut passed) = ([9.0; 12], Vec::new());
             let whole = |piece: &[u8]| passed.extend_from_slice(piece);
-            gray_parts(&bytes, (4, 3), wanted, take, whole).unwrap();
-            let expected = [
-                (2, 1..3, vec![5.5, 6.5]),
-                (1, 2..2, vec![]),
-                (0, 0..4, vec![-3.5, -2.5, -1.5, -0.5]),
-            ];
-            assert_eq!(found, expected);
+            gray_parts(&bytes, (4, 3), wanted, &mut found, whole).unwrap();
+            let expected = [[-3.5, -2.5, -1.5, -0.5], [9.0; 4], [9.0, 5.5, 6.5, 9.0]];
+            assert_eq!(found, expected.as_flattened());
             assert!(passed == bytes);
         }
         let [little, _] = both_ways(&raster);
-        let refused = |bytes: &[u8], size| gray_parts(bytes, size, |_| 0..3, |_, _, _| {}, |_| {});
+        let refused =
+            |bytes: &[u8], size| gray_parts(bytes, size, |_| 0..3, &mut [0.0; 12], |_| {});
         assert!(refused(&little, (3, 4)).is_err());
         assert!(refused(&little[..50], (4, 3)).is_err());
     }

@@ -1,12 +1,13 @@
 //! Single files: reading with the path in every error, writing to a temporary name.
 
+use super::blocks::BlockWriter;
 use crate::error::{Error, FormatError, Result};
 use crate::format;
 use crate::mapped::MappedFile;
 use crate::scene::{
     ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::Path;
 
 /// What the names of temporary files begin with; what an ended process leaves of them may go.
@@ -16,7 +17,7 @@ pub const TEMPORARY: &str = ".mvs-eval-";
 /// succeeded: readers see the old file or the whole new one. Missing parent folders are made.
 pub fn write_atomically(
     path: &Path,
-    write: impl FnOnce(&mut BufWriter<std::fs::File>) -> std::io::Result<()>,
+    write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
 ) -> Result<()> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -29,12 +30,12 @@ pub fn write_atomically(
 pub fn write_by_way_of(
     folder: &Path,
     path: &Path,
-    write: impl FnOnce(&mut BufWriter<std::fs::File>) -> std::io::Result<()>,
+    write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
 ) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(Error::io(folder, "create the folder"))?;
     let temporary = temporary_file(folder).map_err(Error::io(path, "create"))?;
     let (file, temporary_path) = temporary.into_parts();
-    let mut out = BufWriter::with_capacity(1 << 16, file);
+    let mut out = BlockWriter::new(file);
     write(&mut out)
         .and_then(|()| out.flush())
         .map_err(Error::io(path, "write"))?;

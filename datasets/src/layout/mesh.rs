@@ -178,6 +178,7 @@ fn fits(name: &[u8], pattern: &[u8]) -> bool {
 mod tests {
     use super::{LARGE, fits, side_by_side};
     use crate::layout::files::write_atomically;
+    use std::io::{Seek, SeekFrom, Write};
     use std::path::PathBuf;
 
     #[test]
@@ -186,7 +187,11 @@ mod tests {
         let sizes = [10, 0, LARGE, 5, LARGE - 1, 7, LARGE];
         let file = |(index, &size): (usize, &u64)| {
             let path = folder.path().join(format!("{index}.obj"));
-            write_atomically(&path, |out| out.get_ref().set_len(size)).unwrap();
+            write_atomically(&path, |out| {
+                out.seek(SeekFrom::Start(size.saturating_sub(1)))?;
+                out.write_all(&[0; 1][..size.min(1) as usize])
+            })
+            .unwrap();
             path
         };
         let files: Vec<PathBuf> = sizes.iter().enumerate().map(file).collect();

@@ -2,6 +2,7 @@
 //! pixel centres, camera-to-world poses) are converted.
 
 pub mod blended;
+pub mod blocks;
 pub mod cameras;
 pub mod exports;
 pub mod files;

@@ -3,15 +3,16 @@
 //! `u64` number of points, then per point `u32` number of images and as many `u32` places of images
 //! in the model, little-endian.
 
+use super::blocks::BlockWriter;
 use super::files::temporary_file;
 use crate::error::{Error, Result};
-use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Writes point after point; the file appears when it is finished.
 #[derive(Debug)]
 pub struct VisibleWriter {
-    out: BufWriter<std::fs::File>,
+    out: BlockWriter,
     temporary: tempfile::TempPath,
     path: PathBuf,
     count: u64,
@@ -25,7 +26,7 @@ impl VisibleWriter {
             .filter(|folder| !folder.as_os_str().is_empty());
         let file = temporary_file(folder.unwrap_or(Path::new(".")));
         let (file, temporary) = file.map_err(Error::io(path, "create"))?.into_parts();
-        let mut out = BufWriter::with_capacity(1 << 16, file);
+        let mut out = BlockWriter::new(file);
         out.write_all(&0u64.to_le_bytes())
             .map_err(Error::io(path, "write"))?;
         Ok(Self {

@@ -38,7 +38,11 @@ impl Engine<'_> {
         let mut confident = None;
         if from == Maps::Input(Filters::Depth) {
             // References go through all filters.
-            let room = std::mem::take(&mut *self.spare());
+            let mut room = std::mem::take(&mut *self.spare());
+            if room.len() != own.width() * own.height() {
+                // Pages that are not touched are not made.
+                room = vec![0.0; own.width() * own.height()];
+            }
             confident = Confident::read((maps, index), &own, self.options, room)?;
         }
         let counts = own.left_out();
@@ -123,6 +127,7 @@ impl Engine<'_> {
                 .map(|source| source.center)
                 .collect(),
             columns,
+            as_bytes: None,
             photo,
             confidence: own,
             normals,

@@ -400,3 +400,113 @@ fn points_that_more_views_see_through_than_agree_with_are_left_out() {
     assert_eq!(left, 0);
     assert!(contradicted >= ghosts, "{contradicted} {ghosts}");
 }
+
+/// Takes rows of these columns.
+struct AsBytes(Columns, Vec<u8>);
+
+impl PointSink for AsBytes {
+    fn take(&mut self, _: &Points) -> Result<()> {
+        panic!("rows are wanted");
+    }
+
+    fn wants_rows(&self) -> Option<Columns> {
+        Some(self.0)
+    }
+
+    fn take_rows(&mut self, rows: &[u8]) -> Result<()> {
+        self.1.extend_from_slice(rows);
+        Ok(())
+    }
+}
+
+/// The bytes of points, one after the other.
+fn as_bytes(points: &Points, columns: Columns) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for at in 0..points.len() {
+        let position = points.positions[at].to_array();
+        bytes.extend(position.into_iter().flat_map(f64::to_le_bytes));
+        if columns.has(Columns::NORMALS) {
+            let normal = points.normals[at].to_array();
+            bytes.extend(normal.into_iter().flat_map(f32::to_le_bytes));
+        }
+        if columns.has(Columns::COLORS) {
+            bytes.extend(points.colors[at]);
+        }
+        bytes.extend(points.view_counts[at].to_le_bytes());
+        if columns.has(Columns::CONFIDENCES) {
+            bytes.extend(points.confidences[at].to_le_bytes());
+        }
+        if columns.has(Columns::EXTRAS) {
+            bytes.extend(points.violations[at].to_le_bytes());
+            bytes.extend(points.scales[at].to_le_bytes());
+        }
+    }
+    bytes
+}
+
+/// With images of the maps' size, of another and without, with confidences and without; of both kinds of
+/// columns.
+#[test]
+fn rows_of_bytes_are_the_points_in_every_mode() {
+    let (width, height) = (70, 40);
+    let mut estimates = noisy(5, (width, height));
+    let give = |estimates: &mut Vec<Estimate>, size: Option<(u32, u32)>, confident: bool| {
+        for (view, estimate) in (0u32..).zip(estimates) {
+            let color = |at: u32| [(at * 7 + view) as u8, (at / 3) as u8, (at ^ view) as u8];
+            estimate.image = size.map(|(width, height)| {
+                let values = (0..width * height).map(color).collect();
+                mvs_datasets::scene::ColorImage::from_values(width, height, values).unwrap()
+            });
+            let value = |at: u32| (at % 11) as f32 / 11.0;
+            estimate.confidence = confident.then(|| {
+                Raster::from_values(width, height, (0..width * height).map(value).collect())
+                    .unwrap()
+            });
+        }
+    };
+    let mut seen = 0;
+    for mode in [
+        FuseMode::Hkust,
+        FuseMode::Geo,
+        FuseMode::Gipuma,
+        FuseMode::Dynamic,
+    ] {
+        for (at, image) in [None, Some((width, height)), Some((97, 61))]
+            .into_iter()
+            .enumerate()
+        {
+            for colors in [Colors::Reference, Colors::Mean] {
+                give(&mut estimates, image, at != 1);
+                let options = FuseOptions {
+                    normals: mode == FuseMode::Hkust,
+                    colors,
+                    min_confidence: 0.2,
+                    ..FuseOptions::of(mode)
+                };
+                seen += check_rows(&estimates, &options);
+            }
+        }
+    }
+    assert!(seen > 100_000, "{seen}");
+}
+
+/// How many points were compared.
+fn check_rows(estimates: &[Estimate], options: &FuseOptions) -> usize {
+    let inputs = FuseInputs {
+        maps: &estimates,
+        region: None,
+        scratch: &MemoryScratch::default(),
+        memory: MEMORY,
+        progress: &Silent,
+        warnings: &Warnings::default(),
+    };
+    let mut points = Points::default();
+    let counts = fuse_maps(&inputs, options, &mut points).unwrap();
+    let all = columns(&estimates, options);
+    for columns in [all, all.and(Columns::EXTRAS)] {
+        let mut rows = AsBytes(columns, Vec::new());
+        assert_eq!(fuse_maps(&inputs, options, &mut rows).unwrap(), counts);
+        assert!(rows.1 == as_bytes(&points, columns), "{options:?}");
+    }
+    points.len()
+}

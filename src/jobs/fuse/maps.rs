@@ -237,18 +237,15 @@ impl DepthMaps for FolderMaps<'_> {
         to: &mut [f32],
     ) -> Result<bool> {
         let camera = &self.entries[index].view.camera;
-        let (width, size) = (camera.width() as usize, (camera.width(), camera.height()));
+        let size = (camera.width(), camera.height());
         let [only] = self.entries[index].confidence.as_slice() else {
             return Ok(put_parts(self.confidence(index)?.as_ref(), wanted, to));
-        };
-        let put = |row: usize, wanted: Range<usize>, values: &[f32]| {
-            to[row * width..][wanted].copy_from_slice(values);
         };
         let mut found = size;
         self.read_through(only, |bytes, passed| {
             found = pfm::read_size(bytes)?;
             match found == size {
-                true => pfm::gray_parts(bytes, size, wanted, put, passed),
+                true => pfm::gray_parts(bytes, size, wanted, to, passed),
                 false => Ok(passed(bytes)), // to be said in another way
             }
         })?;

@@ -1,6 +1,5 @@
 //! Points into a PLY as they come, and what stands beside it.
 
-use super::Properties;
 use super::maps::FolderMaps;
 use crate::error::{Error, Result};
 use crate::fuse::{Columns, DepthMaps, PointSink, Points};
@@ -46,6 +45,15 @@ impl<W: Write + Seek> PointSink for Outputs<'_, W> {
             depths.add(points, self.maps)?;
         }
         self.ply.take(points)
+    }
+
+    fn wants_rows(&self) -> Option<Columns> {
+        let only_ply = matches!(self.visible, Visible::None) && self.depths.is_none();
+        only_ply.then(|| self.ply.columns)
+    }
+
+    fn take_rows(&mut self, rows: &[u8]) -> Result<()> {
+        self.ply.take_rows(rows)
     }
 
     fn view_done(&mut self) -> Result<()> {
@@ -165,22 +173,19 @@ impl DepthFolder {
 pub(super) struct PlySink<W> {
     writer: StreamWriter<W>,
     columns: Columns,
-    properties: Properties,
     /// For errors.
     path: PathBuf,
     /// Bytes of a row.
     row: usize,
-    /// Rows that wait to be written together, then room for more.
+    /// Room for some rows.
     rows: Vec<u8>,
-    /// Bytes of those that wait.
-    waiting: usize,
 }
 
-/// How many rows are written at a time.
+/// How many points become rows at a time.
 const ROWS: usize = 1 << 12;
 
 /// The vertex's properties.
-fn properties((columns, properties): (Columns, Properties)) -> Vec<(&'static str, Scalar)> {
+fn properties(columns: Columns) -> Vec<(&'static str, Scalar)> {
     // Doubles, because scenes may lie at large offsets.
     let mut all = vec![
         ("x", Scalar::Double),
@@ -197,7 +202,7 @@ fn properties((columns, properties): (Columns, Properties)) -> Vec<(&'static str
     if columns.has(Columns::CONFIDENCES) {
         all.push(("confidence", Scalar::Float));
     }
-    if properties == Properties::Full {
+    if columns.has(Columns::EXTRAS) {
         all.extend([("violations", Scalar::Uint), ("scale", Scalar::Float)]);
     }
     all
@@ -206,29 +211,26 @@ fn properties((columns, properties): (Columns, Properties)) -> Vec<(&'static str
 impl<W: Write + Seek> PlySink<W> {
     pub(super) fn new(
         out: W,
-        (columns, extra): (Columns, Properties),
+        columns: Columns,
         comments: &[String],
         path: &Path,
     ) -> std::io::Result<Self> {
-        let properties = properties((columns, extra));
+        let properties = properties(columns);
         let row = properties.iter().map(|(_, scalar)| scalar.size()).sum();
         Ok(Self {
             writer: StreamWriter::new(out, &properties, comments)?,
             columns,
-            properties: extra,
             path: path.to_path_buf(),
             row,
-            rows: vec![0; ROWS * row],
-            waiting: 0,
+            rows: Vec::new(),
         })
     }
 
     pub(super) fn count(&self) -> u64 {
-        self.writer.count() + (self.waiting / self.row) as u64
+        self.writer.count()
     }
 
-    pub(super) fn finish(mut self) -> std::io::Result<u64> {
-        self.flush()?;
+    pub(super) fn finish(self) -> std::io::Result<u64> {
         self.writer.finish()
     }
 
@@ -251,18 +253,11 @@ impl<W: Write + Seek> PlySink<W> {
             if columns.has(Columns::CONFIDENCES) {
                 put(&mut row, points.confidences[at].to_le_bytes());
             }
-            if self.properties == Properties::Full {
+            if columns.has(Columns::EXTRAS) {
                 put(&mut row, points.violations[at].to_le_bytes());
                 put(&mut row, points.scales[at].to_le_bytes());
             }
         }
-    }
-
-    /// Hands the rows that wait to the file.
-    fn flush(&mut self) -> std::io::Result<()> {
-        let written = self.writer.write(&self.rows[..self.waiting]);
-        self.waiting = 0;
-        written
     }
 }
 
@@ -277,20 +272,23 @@ fn put<const N: usize>(row: &mut &mut [u8], bytes: [u8; N]) {
 
 impl<W: Write + Seek> PointSink for PlySink<W> {
     fn take(&mut self, points: &Points) -> Result<()> {
-        let most = ROWS * self.row;
-        let mut start = 0;
-        while start < points.len() {
-            if self.waiting == most {
-                let written = self.flush();
-                written.map_err(mvs_datasets::Error::io(&self.path, "write"))?;
-            }
-            let free = (most - self.waiting) / self.row;
-            let end = points.len().min(start + free);
-            let (from, to) = (self.waiting, self.waiting + (end - start) * self.row);
-            let mut rows = std::mem::take(&mut self.rows);
-            self.fill(points, start..end, &mut rows[from..to]);
-            (self.rows, self.waiting, start) = (rows, to, end);
+        let mut rows = std::mem::take(&mut self.rows);
+        for start in (0..points.len()).step_by(ROWS) {
+            let range = start..points.len().min(start + ROWS);
+            rows.resize(range.len() * self.row, 0);
+            self.fill(points, range, &mut rows);
+            self.take_rows(&rows)?;
         }
+        self.rows = rows;
         Ok(())
+    }
+
+    fn wants_rows(&self) -> Option<Columns> {
+        Some(self.columns)
+    }
+
+    fn take_rows(&mut self, rows: &[u8]) -> Result<()> {
+        let written = self.writer.write(rows);
+        Ok(written.map_err(mvs_datasets::Error::io(&self.path, "write"))?)
     }
 }
