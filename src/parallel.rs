@@ -26,6 +26,11 @@ pub fn threads() -> usize {
     rayon::current_num_threads().max(1)
 }
 
+/// Sorts values; equal ones are not told apart.
+pub fn sort<T: Ord + Send>(values: &mut [T]) {
+    values.par_sort_unstable();
+}
+
 /// `f(0), f(1), … f(count − 1)` in order, computed in parallel.
 pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..count).into_par_iter().map(f).collect()

@@ -66,6 +66,9 @@ impl PairOptions {
     }
 }
 
+/// References whose surface points are looked at together: their points take some 10 MB.
+const TOGETHER: usize = 64;
+
 /// What each view sees of what the others see. Square tables, row = reference view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covisibility {
@@ -97,30 +100,35 @@ impl Covisibility {
         progress: &dyn Progress,
     ) -> Result<Self> {
         options.check()?;
-        progress.begin("finding source views", views.len() as u64);
-        let rows = parallel::try_map(views.len(), |reference| {
-            progress.check()?;
-            let (points, looked_at) = {
+        let count = views.len();
+        let looks = count * count.div_ceil(TOGETHER);
+        progress.begin("finding source views", looks as u64);
+        let (mut scores, mut shared) = (vec![0.0; count * count], vec![0.0; count * count]);
+        for first in (0..count).step_by(TOGETHER) {
+            let references = &views[first..count.min(first + TOGETHER)];
+            let surfaces = parallel::try_map(references.len(), |at| {
+                progress.check()?;
                 let look = (options, back_faces);
-                surface_points((renderer, mesh), &views[reference], look)
-            };
-            let row = views
-                .iter()
-                .map(|other| compare(renderer, &points, (&views[reference], other), options))
-                .map(|(weight, seen)| {
-                    let surface = points.len().max(1) as f64;
-                    (
-                        1000.0 * weight / looked_at as f64,
-                        (seen as f64 / surface) as f32,
-                    )
-                })
-                .collect::<Vec<_>>();
-            progress.advance(1);
-            Ok(row)
-        })?;
-        let (scores, shared) = rows.into_iter().flatten().unzip();
+                Ok(surface_points((renderer, mesh), &references[at], look))
+            })?;
+            let columns = parallel::try_map(count, |other| {
+                progress.check()?;
+                let surfaces = references.iter().zip(&surfaces);
+                let column = compare(renderer, surfaces, &views[other], options);
+                progress.advance(1);
+                Ok(column)
+            })?;
+            for (other, column) in columns.iter().enumerate() {
+                let found = surfaces.iter().zip(column);
+                for (at, ((points, looked_at), (weight, seen))) in found.enumerate() {
+                    let cell = (first + at) * count + other;
+                    scores[cell] = 1000.0 * weight / *looked_at as f64;
+                    shared[cell] = (*seen as f64 / points.len().max(1) as f64) as f32;
+                }
+            }
+        }
         Ok(Self {
-            views: views.len(),
+            views: count,
             scores,
             shared,
         })
@@ -239,28 +247,34 @@ pub(super) fn normal_towards(mesh: &Mesh, triangle: usize, direction: DVec3) -> 
     }
 }
 
-/// The sum of weights and the number of `points` that the second view sees too.
-fn compare(
+/// The sum of weights and the number of each reference's points that `other` sees too. All their rays meet in
+/// one point, and the more of them there are, the less each costs.
+fn compare<'a>(
     renderer: &Renderer,
-    points: &[SurfacePoint],
-    (reference, other): (&View, &View),
+    references: impl Iterator<Item = (&'a View, &'a (Vec<SurfacePoint>, usize))>,
+    other: &View,
     options: &PairOptions,
-) -> (f64, usize) {
-    let centers = (
-        reference.pose.center_in_world(),
-        other.pose.center_in_world(),
-    );
-    let in_frame = points
-        .iter()
-        .filter(|point| in_frame(other, point.position));
-    let in_frame: Vec<SurfacePoint> = in_frame.copied().collect();
-    let unoccluded = unoccluded(renderer, other, &in_frame);
-    let (mut sum, mut seen) = (0.0, 0);
-    for (point, _) in in_frame.iter().zip(unoccluded).filter(|(_, seen)| *seen) {
-        seen += 1;
-        sum += options.weight(angle_at(point.position, centers));
+) -> Vec<(f64, usize)> {
+    let (mut points, mut ends) = (Vec::new(), Vec::new());
+    for (reference, (surface, _)) in references {
+        let surface = surface.iter().copied();
+        points.extend(surface.filter(|point| in_frame(other, point.position)));
+        ends.push((reference.pose.center_in_world(), points.len()));
     }
-    (sum, seen)
+    let unoccluded = unoccluded(renderer, other, &points);
+    let center = other.pose.center_in_world();
+    let mut start = 0;
+    let sums = ends.into_iter().map(|(reference, end)| {
+        let (mut sum, mut seen) = (0.0, 0);
+        let own = points[start..end].iter().zip(&unoccluded[start..end]);
+        for (point, _) in own.filter(|(_, seen)| **seen) {
+            seen += 1;
+            sum += options.weight(angle_at(point.position, (reference, center)));
+        }
+        start = end;
+        (sum, seen)
+    });
+    sums.collect()
 }
 
 /// The angle at `point` between the two cameras, in degrees.

@@ -3,7 +3,11 @@
 use super::packet::{Packet, RAYS, Room};
 use super::triangle::{Ray, longest_axis};
 use super::{Hit, Renderer, Visible};
+use crate::parallel;
 use glam::DVec3;
+
+/// Rays that one thread takes at a time.
+const PART: usize = 1 << 14;
 
 /// Bits of a ray's place along each axis of a face of the cube around the origin.
 const PLACE_BITS: u32 = 13;
@@ -21,32 +25,56 @@ pub(super) struct Bundle<'b> {
 impl Bundle<'_> {
     /// What each ray meets first.
     pub(super) fn first_hits(&self, renderer: &Renderer<'_>) -> Vec<Option<Hit>> {
-        let mut first: Vec<Option<Visible>> = vec![None; self.directions.len()];
-        self.trace(renderer, |index, found| {
-            let best = first[index].map_or(found, |best| best.nearer(found));
-            first[index] = Some(best);
-            best.crossing.distance
-        });
-        first.into_iter().map(|best| best.map(Hit::from)).collect()
+        self.in_parts(|order| {
+            let mut first: Vec<Option<Visible>> = vec![None; order.len()];
+            self.trace(renderer, order, |at, found| {
+                let best = first[at].map_or(found, |best| best.nearer(found));
+                first[at] = Some(best);
+                best.crossing.distance
+            });
+            first.into_iter().map(|best| best.map(Hit::from)).collect()
+        })
     }
 
     /// Whether each ray meets anything.
     pub(super) fn blocked(&self, renderer: &Renderer<'_>) -> Vec<bool> {
-        let mut blocked = vec![false; self.directions.len()];
-        self.trace(renderer, |index, _| {
-            blocked[index] = true;
-            -1.0
-        });
-        blocked
+        self.in_parts(|order| {
+            let mut blocked = vec![false; order.len()];
+            self.trace(renderer, order, |at, _| {
+                blocked[at] = true;
+                -1.0
+            });
+            blocked
+        })
     }
 
-    /// Calls `take` with the numbers of rays and surface that they meet, the nearest of which is among it.
-    /// It answers with the distance beyond which the ray need not look; below 0 nowhere.
-    fn trace(&self, renderer: &Renderer<'_>, mut take: impl FnMut(usize, Visible) -> f64) {
-        let origin = self.origin - renderer.center;
+    /// What `trace` says of the rays with these numbers, of some at a time on all threads; by number.
+    fn in_parts<T: Clone + Default + Send>(
+        &self,
+        trace: impl Fn(&[u32]) -> Vec<T> + Sync + Send,
+    ) -> Vec<T> {
         let order = order(self.directions);
+        let parts: Vec<&[u32]> = order.chunks(PART).collect();
+        let traced = parallel::map(parts.len(), |part| trace(parts[part]));
+        let mut all = vec![T::default(); order.len()];
+        for (index, found) in order.iter().zip(traced.into_iter().flatten()) {
+            all[*index as usize] = found;
+        }
+        all
+    }
+
+    /// Traces the rays with these numbers. Calls `take` with a ray's place among them and surface that it meets,
+    /// the nearest of which is among it. It answers with the distance beyond which the ray need not look; below 0
+    /// nowhere.
+    fn trace(
+        &self,
+        renderer: &Renderer<'_>,
+        order: &[u32],
+        mut take: impl FnMut(usize, Visible) -> f64,
+    ) {
+        let origin = self.origin - renderer.center;
         let mut room = Room::new();
-        for some in order.chunks(RAYS) {
+        for (first, some) in (0..).step_by(RAYS).zip(order.chunks(RAYS)) {
             let mut directions = [DVec3::ZERO; RAYS];
             for (direction, &index) in directions.iter_mut().zip(some) {
                 *direction = self.directions[index as usize];
@@ -54,12 +82,11 @@ impl Bundle<'_> {
             let lines = directions.map(|direction| Ray::new(origin, direction));
             let directions = &directions[..some.len()];
             let mut packet = Packet::new(origin, directions, self.range.1);
-            for (ray, &index) in some.iter().enumerate() {
-                let index = index as usize;
+            for (ray, &direction) in directions.iter().enumerate() {
                 if !packet.has(ray) {
-                    let alone = renderer.first_visible(self.origin, directions[ray], self.range);
+                    let alone = renderer.first_visible(self.origin, direction, self.range);
                     if let Some(visible) = alone {
-                        take(index, visible);
+                        take(first + ray, visible);
                     }
                 }
             }
@@ -71,7 +98,7 @@ impl Bundle<'_> {
             let meet = |ray: usize, triangle: u32| {
                 let triangle = triangle as usize;
                 let crossing = renderer.cross(&lines[ray], triangle, self.range)?;
-                Some(take(some[ray] as usize, Visible { triangle, crossing }))
+                Some(take(first + ray, Visible { triangle, crossing }))
             };
             packet.trace(&renderer.clusters, (renderer.mesh, &mut room), meet);
         }
@@ -81,9 +108,13 @@ impl Bundle<'_> {
 /// The numbers of directions, in an order in which neighbours point alike: along a curve on each face of
 /// the cube around their origin.
 fn order(directions: &[DVec3]) -> Vec<u32> {
-    let mut keys: Vec<(u32, u32)> = directions.iter().map(place).zip(0..).collect();
-    keys.sort_unstable();
-    keys.into_iter().map(|(_, index)| index).collect()
+    let numbered = directions.iter().zip(0u64..);
+    let mut keys: Vec<u64> = numbered
+        .map(|(direction, index)| u64::from(place(direction)) << 32 | index)
+        .collect();
+    parallel::sort(&mut keys);
+    #[allow(clippy::cast_possible_truncation, reason = "the index alone")]
+    keys.into_iter().map(|key| key as u32).collect()
 }
 
 /// A direction's face, then its place on the Z-order curve there.

@@ -49,7 +49,6 @@ mod triangle;
 mod widths;
 
 use crate::error::{Error, Result};
-use crate::parallel;
 pub use sight::{BackFaces, MIXED_JUMP, Sight};
 
 use bulk::Bundle;
@@ -62,19 +61,6 @@ use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 use surface::{Facet, Frame};
 use triangle::{Crossing, Ray};
-
-/// Rays that one thread takes at a time.
-const CHUNK: usize = 1 << 14;
-
-/// `trace` of some directions at a time, in parallel; one after another.
-fn in_chunks<T: Send>(
-    directions: &[DVec3],
-    trace: impl Fn(&[DVec3]) -> Vec<T> + Sync + Send,
-) -> Vec<T> {
-    let chunks: Vec<&[DVec3]> = directions.chunks(CHUNK).collect();
-    let traced = parallel::map(chunks.len(), |chunk| trace(chunks[chunk]));
-    traced.into_iter().flatten().collect()
-}
 
 /// How a view is rendered.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -306,27 +292,23 @@ impl<'m> Renderer<'m> {
         directions: &[DVec3],
         range: (f64, f64),
     ) -> Vec<Option<Hit>> {
-        in_chunks(directions, |directions| {
-            Bundle {
-                origin,
-                directions,
-                range,
-            }
-            .first_hits(self)
-        })
+        let bundle = Bundle {
+            origin,
+            directions,
+            range,
+        };
+        bundle.first_hits(self)
     }
 
     /// Whether [`Self::first_hit`] meets something, for many rays from one point, in their order, on all
     /// threads.
     pub fn blocked(&self, origin: DVec3, directions: &[DVec3], range: (f64, f64)) -> Vec<bool> {
-        in_chunks(directions, |directions| {
-            Bundle {
-                origin,
-                directions,
-                range,
-            }
-            .blocked(self)
-        })
+        let bundle = Bundle {
+            origin,
+            directions,
+            range,
+        };
+        bundle.blocked(self)
     }
 
     /// What the centre of each pixel of `view` sees, into `seen`: depth and normal to the bits that

@@ -66,6 +66,36 @@ fn angles_are_right_where_arccos_is_not() {
 }
 
 #[test]
+fn two_views_share_the_same_whoever_else_is_looked_at() {
+    let mesh = walls(&[
+        (DVec3::new(0.5, 0.1, 0.0), 2.0),
+        (DVec3::new(-0.7, 0.3, -1.5), 0.6),
+        (DVec3::new(0.9, -0.4, 1.2), 1.5),
+    ]);
+    let views: Vec<View> = (0..TOGETHER as u32 + 9)
+        .map(|id| view(id, around(1.7 * f64::from(id) - 60.0), DVec3::ZERO))
+        .collect();
+    let all = measure(&mesh, &views);
+    let mut partly = 0;
+    for (first, second) in [
+        (3, 5),
+        (3, TOGETHER + 2),
+        (TOGETHER + 2, TOGETHER - 1),
+        (30, 40),
+    ] {
+        let two = measure(&mesh, &[views[first].clone(), views[second].clone()]);
+        assert_eq!(all.score(first, second), two.score(0, 1));
+        for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let at = |place: usize| if place == 0 { first } else { second };
+            let shared = two.shared()[2 * row + column];
+            assert_eq!(all.shared()[at(row) * views.len() + at(column)], shared);
+            partly += usize::from(0.0 < shared && shared < 1.0);
+        }
+    }
+    assert!(partly >= 4, "{partly}");
+}
+
+#[test]
 fn a_small_wall_scores_the_weight_of_its_angle() {
     // Small enough that every point is seen under the same angle to 0.2 degrees.
     let mesh = walls(&[(DVec3::ZERO, 0.25)]);
