@@ -7,6 +7,7 @@ use super::engine::{FuseInputs, columns};
 use super::options::FuseOptions;
 use super::points::{Columns, PointSink, Points};
 use super::samples::confidence;
+use super::sight::{EIGHT, Onlookers, Sightings};
 use super::tiles::{CLUSTER_BYTES, Packed, Pixel, Tiles};
 use crate::error::Result;
 use crate::parallel;
@@ -24,6 +25,8 @@ struct Clusters<'a> {
     tiles: Tiles<'a>,
     /// By view: the map's width, and which pixels are part of a cluster, a bit each.
     used: Vec<(usize, Vec<u64>)>,
+    /// The sources of each view, as far as they are used.
+    onlookers: Vec<Onlookers>,
     /// Where the present cluster's first member appears, by view; of other clusters' where the
     /// number differs.
     sightings: Vec<(u64, Option<Sighting>)>,
@@ -40,6 +43,10 @@ struct Room {
     members: Vec<Member>,
     stack: Vec<Candidate>,
     values: Vec<f64>,
+    /// Where the candidate's point appears in its view's sources.
+    seen: Vec<Sightings>,
+    /// Pixels that have been asked for: view, place, and the depth of the first member's point there.
+    asked: Vec<(usize, (u32, u32), f64)>,
 }
 
 /// Where a point appears in a view.
@@ -98,6 +105,13 @@ pub(super) fn fuse_clusters(
                 let view = inputs.maps.view(view);
                 let words = vec![0; pixels(view).div_ceil(64)];
                 (view.camera.width() as usize, words)
+            })
+            .collect(),
+        onlookers: (0..count)
+            .map(|view| {
+                let sources = inputs.maps.sources(view);
+                let used = &sources[..options.sources_used(sources.len())];
+                Onlookers::new(used.iter().map(|&source| inputs.maps.view(source)))
             })
             .collect(),
         sightings: vec![(0, None); count],
@@ -266,44 +280,44 @@ impl Clusters<'_> {
         let Some(first) = room.members.first() else {
             return Ok(());
         };
-        let maps = self.inputs.maps;
-        let sources = maps.sources(from.view);
-        for &source in &sources[..self.options.sources_used(sources.len())] {
-            let view = maps.view(source);
-            let Some(seen) = Sighting::of(position, view) else {
-                continue;
-            };
-            let (width, height) = (view.camera.width(), view.camera.height());
-            let at = seen.pixel;
-            let inside =
-                at.x >= 0.0 && at.y >= 0.0 && at.x < f64::from(width) && at.y < f64::from(height);
-            if !inside {
-                continue;
+        let sources = self.inputs.maps.sources(from.view);
+        self.onlookers[from.view].see(position, &mut room.seen);
+        room.asked.clear();
+        for (sources, seen) in sources.chunks(EIGHT).zip(&room.seen) {
+            for (i, &source) in sources.iter().enumerate() {
+                if seen.x[i] < 0.0 {
+                    continue;
+                }
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "inside the image"
+                )]
+                let place = (seen.x[i] as u32, seen.y[i] as u32);
+                if self.is_used(source, place) {
+                    continue;
+                }
+                self.tiles.ask(source, place);
+                let known = &mut self.sightings[source];
+                if from.steps == 0 {
+                    let pixel = DVec2::new(seen.x[i], seen.y[i]);
+                    let depth = seen.depth[i];
+                    *known = (self.cluster, Some(Sighting { pixel, depth })); // the first member's own
+                } else if known.0 != self.cluster {
+                    let view = self.inputs.maps.view(source);
+                    *known = (self.cluster, Sighting::of(first.position, view));
+                }
+                let Some(expected) = known.1 else { continue };
+                if expected.pixel.distance_squared(center(place)) <= self.max_pixel2 {
+                    room.asked.push((source, place, expected.depth));
+                }
             }
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "inside the image"
-            )]
-            let place = (at.x as u32, at.y as u32);
-            if self.is_used(source, place) {
-                continue;
-            }
-            let known = &mut self.sightings[source];
-            if from.steps == 0 {
-                *known = (self.cluster, Some(seen)); // the first member's own
-            } else if known.0 != self.cluster {
-                *known = (self.cluster, Sighting::of(first.position, view));
-            }
-            let Some(expected) = known.1 else { continue };
-            let close = expected.pixel.distance_squared(center(place)) <= self.max_pixel2;
-            if !close {
-                continue;
-            }
+        }
+        for &(source, place, expected_depth) in &room.asked {
             let Some(pixel) = self.tiles.pixel(source, place)? else {
                 continue;
             };
-            let near = (expected.depth / pixel.depth - 1.0).abs() <= self.options.max_depth_error;
+            let near = (expected_depth / pixel.depth - 1.0).abs() <= self.options.max_depth_error;
             let turned = f64::from(first.normal.dot(pixel.normal)) < self.min_cosine;
             if near && !turned {
                 room.stack.push(Candidate {

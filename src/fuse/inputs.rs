@@ -3,7 +3,9 @@
 
 use super::Estimate;
 use crate::error::{Error, Result};
-use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View, Window};
+use mvs_datasets::scene::{
+    ColorImage, DepthMap, Distortion, Mask, NormalMap, Raster, View, Window,
+};
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -232,6 +234,11 @@ pub(super) fn check_size(view: &View, found: (u32, u32), map: &str) -> Result<()
 
 /// Checks that the places of a bordered map fit into 32 bits, in which the loop counts them.
 fn check_places(view: &View) -> Result<()> {
+    if view.camera.distortion() != Distortion::None {
+        let problem =
+            "expected a pinhole camera, found a lens: undistort depth map and image first";
+        return Err(Error::invalid(name(view), problem));
+    }
     let (width, height) = (view.camera.width(), view.camera.height());
     if (u64::from(width) + 4) * (u64::from(height) + 2) < 1 << 32 {
         return Ok(());

@@ -32,6 +32,7 @@ mod rules;
 mod samples;
 pub mod sampling;
 mod selection;
+mod sight;
 mod source;
 mod taps;
 #[cfg(test)]

@@ -8,6 +8,7 @@ use super::normals;
 use super::options::FuseOptions;
 use super::points::Columns;
 use super::samples::{Filters, Samples, prepare};
+use crate::ahead::prefetch;
 use crate::error::{Error, Result};
 use glam::{DVec2, Vec3};
 use mvs_datasets::scene::{ColorImage, NormalMap, View};
@@ -188,10 +189,9 @@ struct Slot {
     frame: u32,
 }
 
-/// Room for one tile.
+/// What a tile's room holds.
 struct Frame {
-    values: Vec<f32>,
-    /// The view and the tile that it holds.
+    /// The view and the tile.
     of: (usize, usize),
     /// Whether it was asked for since the hand passed it.
     asked: bool,
@@ -203,6 +203,8 @@ pub(super) struct Tiles<'a> {
     /// By view: tiles per row, and the tiles.
     maps: Vec<(usize, Vec<Slot>)>,
     frames: Vec<Frame>,
+    /// By frame.
+    values: Vec<Vec<f32>>,
     most: usize,
     /// The frame that goes next, unless it was asked for.
     hand: usize,
@@ -215,6 +217,7 @@ impl<'a> Tiles<'a> {
             scratch,
             maps: Vec::new(),
             frames: Vec::new(),
+            values: Vec::new(),
             most: (memory / (size_of::<f32>() * TILE)).max(1),
             hand: 0,
         }
@@ -239,10 +242,10 @@ impl<'a> Tiles<'a> {
         for (at, values) in there.zip(packed.tiles) {
             slots[at].frame = number(self.frames.len());
             self.frames.push(Frame {
-                values,
                 of: (view, at),
                 asked: true,
             });
+            self.values.push(values);
         }
         self.maps.push((across(width), slots));
     }
@@ -287,9 +290,19 @@ impl<'a> Tiles<'a> {
             NONE => self.fetch(view, at)?,
             frame => frame as usize,
         };
-        let frame = &mut self.frames[frame];
-        frame.asked = true;
-        Ok(Some(&frame.values))
+        self.frames[frame].asked = true;
+        Ok(Some(&self.values[frame]))
+    }
+
+    /// Has the processor fetch a pixel that will be looked at, if its tile is in memory.
+    #[inline]
+    pub(super) fn ask(&self, view: usize, (column, row): (u32, u32)) {
+        let (column, row) = (column as usize, row as usize);
+        let (across, slots) = &self.maps[view];
+        let frame = slots[row / EDGE * across + column / EDGE].frame;
+        if let Some(values) = self.values.get(frame as usize) {
+            prefetch(values, SHAPE * within(column, row));
+        }
     }
 
     /// Puts a tile into a frame of its own, or into that of one not asked for lately.
@@ -297,16 +310,16 @@ impl<'a> Tiles<'a> {
     fn fetch(&mut self, view: usize, at: usize) -> Result<usize> {
         let frame = if self.frames.len() < self.most {
             self.frames.push(Frame {
-                values: Vec::new(),
                 of: (view, at),
                 asked: true,
             });
+            self.values.push(Vec::new());
             self.frames.len() - 1
         } else {
             self.free()
         };
         let start = self.maps[view].1[at].place as usize * TILE;
-        let values = &mut self.frames[frame].values;
+        let values = &mut self.values[frame];
         (self.scratch).fetch_part(view as u64, start..start + TILE, values)?;
         self.frames[frame].of = (view, at);
         self.maps[view].1[at].frame = number(frame);

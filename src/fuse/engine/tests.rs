@@ -3,7 +3,7 @@ use crate::fuse::testing::{Plane, arc, spoil};
 use crate::fuse::{Estimate, MEMORY, MemoryScratch, Points, Sampling, fuse, oracle};
 use crate::progress::Silent;
 use glam::{DVec2, DVec3};
-use mvs_datasets::scene::{DepthMap, View};
+use mvs_datasets::scene::{DepthMap, Distortion, View};
 
 fn noisy(views: usize, size: (u32, u32)) -> Vec<Estimate> {
     let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
@@ -509,4 +509,20 @@ fn check_rows(estimates: &[Estimate], options: &FuseOptions) -> usize {
         assert!(rows.1 == as_bytes(&points, columns), "{options:?}");
     }
     points.len()
+}
+
+#[test]
+fn cameras_behind_a_lens_are_refused() {
+    let surface = |view: &View, pixel| level(0.0).depth(view, pixel);
+    let mut estimates = arc(3, (40, 30), DVec3::ZERO, surface);
+    let lens = Distortion::RadialTangential {
+        radial: [-0.1, 0.0, 0.0, 0.0, 0.0, 0.0],
+        tangential: [0.0; 2],
+    };
+    estimates[1].view.camera = estimates[1].view.camera.with_distortion(lens).unwrap();
+    let error = fuse(&estimates, &FuseOptions::default(), &Silent).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "view 1: expected a pinhole camera, found a lens: undistort depth map and image first"
+    );
 }
