@@ -7,7 +7,6 @@ use crate::mapped::MappedFile;
 use crate::scene::{
     ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
-use std::io::Write;
 use std::path::Path;
 
 /// What the names of temporary files begin with; what an ended process leaves of them may go.
@@ -37,9 +36,8 @@ pub fn write_by_way_of(
     let (file, temporary_path) = temporary.into_parts();
     let mut out = BlockWriter::new(file);
     write(&mut out)
-        .and_then(|()| out.flush())
+        .and_then(|()| out.finish())
         .map_err(Error::io(path, "write"))?;
-    drop(out);
     temporary_path
         .persist(path)
         .map_err(|refused| Error::io(path, "replace")(refused.error))
@@ -123,6 +121,7 @@ pub fn read_crop(path: &Path) -> Result<CropVolume> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write;
 
     fn names_in(folder: &Path) -> Vec<String> {
         let entries = std::fs::read_dir(folder).unwrap();

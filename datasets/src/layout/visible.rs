@@ -53,8 +53,7 @@ impl VisibleWriter {
     pub fn finish(mut self) -> std::io::Result<()> {
         self.out.seek(SeekFrom::Start(0))?;
         self.out.write_all(&self.count.to_le_bytes())?;
-        self.out.flush()?;
-        drop(self.out);
+        self.out.finish()?;
         self.temporary
             .persist(&self.path)
             .map_err(|refused| refused.error)

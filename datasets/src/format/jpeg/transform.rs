@@ -275,8 +275,24 @@ pub(super) fn inverse(coded: &Coefficients, steps: &[u8; 64], rows: [&mut [u8; W
                 pixels[x][block] = (value >> 17).0.clamp(0, 255) as u8;
             }
         }
-        for (block, out) in row.as_chunks_mut::<8>().0.iter_mut().enumerate() {
-            *out = pixels.map(|pixels| pixels[block]);
-        }
+        *row = block_by_block(&pixels);
     }
+}
+
+/// Eight pixels of each block, from the first pixels of all blocks, the second ones and so on.
+#[inline(always)]
+fn block_by_block(pixels: &[[u8; BLOCKS]; 8]) -> [u8; WIDTH] {
+    let pair = |at: usize| in_turn::<BLOCKS, { 2 * BLOCKS }>(&pixels[at], &pixels[at + 4]);
+    let four = |at: usize| in_turn::<{ 2 * BLOCKS }, { 4 * BLOCKS }>(&pair(at), &pair(at + 2));
+    in_turn(&four(0), &four(1))
+}
+
+/// One of each in turn, as processors have an instruction for.
+#[inline(always)]
+fn in_turn<const N: usize, const TWICE: usize>(a: &[u8; N], b: &[u8; N]) -> [u8; TWICE] {
+    let mut all = [0; TWICE];
+    for (out, (&a, &b)) in all.as_chunks_mut::<2>().0.iter_mut().zip(a.iter().zip(b)) {
+        *out = [a, b];
+    }
+    all
 }
