@@ -7,6 +7,7 @@
 
 use super::kernel::{BLOCK, Block, Seen};
 use super::rules::{Bounds, Rule};
+use super::taps::{Look, Looks};
 
 /// What the sources together say about a block.
 #[derive(Debug)]
@@ -49,58 +50,50 @@ const WIDEST: u16 = STEPS[STEPS.len() - 1];
 /// As many sources, at least, must agree in `dynamic`.
 pub(super) const DYNAMIC_FROM: usize = STEPS[0] as usize;
 
-/// What the errors of one source follow from, beside its samples.
+/// What the errors of one source follow from, beside what it says.
 pub(super) struct Errors<'a> {
     /// (e_x, e_y, c_z) of the pair.
     pub(super) epipole: [f32; 3],
     pub(super) block: &'a Block,
-    /// Expected depth / depth of the nearest pixel; 0 where that has none.
-    pub(super) near: &'a [f32; BLOCK],
-    /// z-depth in the source; 0 where the pixel does not project into its map.
-    pub(super) z: &'a [f32; BLOCK],
     pub(super) bounds: &'a Bounds,
 }
 
-/// Of one pixel against one source.
+/// Of one pixel against one source; as they are compared, without divisions.
 #[derive(Clone, Copy)]
 pub(super) struct Error {
-    /// Reprojected depth minus the reference's; 0 without a sample.
+    /// Reprojected depth minus the reference's.
     pub(super) delta: f32,
-    /// Square of the reprojection error in pixels; ∞ without a sample.
-    pub(super) pixel2: f32,
-    /// Relative depth error; ∞ without a sample.
-    pub(super) relative: f32,
+    /// Square of the reprojection error in pixels times that of the reprojected depth.
+    pub(super) across2: f32,
+    /// Square of the reprojected depth.
+    pub(super) reprojected2: f32,
 }
 
 impl Errors<'_> {
-    /// Reprojected depth and the two errors from expected depth / sampled depth, 0 for none.
+    /// From sampled depth / expected depth − 1.
     #[inline(always)]
-    pub(super) fn at(&self, i: usize, ratio: f32) -> Error {
+    pub(super) fn at(&self, i: usize, q: f32) -> Error {
         let [ex, ey, cz] = self.epipole;
         let depth = self.block.depth[i];
-        let sampled = ratio > 0.0;
-        let q = (1.0 - ratio) / ratio;
-        let q = if sampled { q } else { 0.0 };
-        let along = depth - cz;
-        let delta = q * along;
+        let delta = q * (depth - cz);
         let reprojected = depth + delta;
-        let across_u = self.block.u[i] * cz - ex;
-        let across_v = self.block.v[i] * cz - ey;
-        let across = q * q * (across_u * across_u + across_v * across_v);
-        let pixel2 = across / (reprojected * reprojected);
-        let relative = delta.abs() / depth;
+        let across_u = self.block.u[i].mul_add(cz, -ex);
+        let across_v = self.block.v[i].mul_add(cz, -ey);
         Error {
             delta,
-            pixel2: if sampled { pixel2 } else { f32::INFINITY },
-            relative: if sampled { relative } else { f32::INFINITY },
+            across2: q * q * across_u.mul_add(across_u, across_v * across_v),
+            reprojected2: reprojected * reprojected,
         }
     }
 
-    /// 1 where the errors are within the bounds.
+    /// Whether the errors are within a `part` of the bounds, and within its `square` where those are squares.
     #[inline(always)]
-    fn agrees(&self, error: Error) -> u32 {
-        let near = (error.pixel2 < self.bounds.pixel2) | (error.relative < self.bounds.tight);
-        u32::from(near & (error.relative < self.bounds.relative))
+    fn within(&self, i: usize, error: Error, (part, square): (f32, f32)) -> bool {
+        let (bounds, depth) = (self.bounds, self.block.depth[i]);
+        let off = error.delta.abs();
+        let near = (error.across2 < square * bounds.pixel2 * error.reprojected2)
+            | (off < part * bounds.tight * depth);
+        near & (off < part * bounds.relative * depth)
     }
 }
 
@@ -137,85 +130,104 @@ impl Consensus {
     }
 
     /// Hears a source under the two-way check. Where the rule takes the `MEAN`, agreeing depths are added
-    /// up; where it may `SOFTEN`, it is noted who could judge.
+    /// up; where it may `SOFTEN`, it is noted who could judge; what it says is `KEPT` or not.
     #[inline(always)]
-    pub(super) fn hear<const MEAN: bool, const SOFTEN: bool>(
+    pub(super) fn hear<const MEAN: bool, const SOFTEN: bool, const KEPT: bool>(
         &mut self,
         errors: &Errors<'_>,
+        looks: &impl Looks,
         seen: &mut Seen,
     ) {
         for i in 0..BLOCK {
-            let error = errors.at(i, seen.ratio[i]);
-            let agrees = errors.agrees(error);
-            self.count(i, agrees, errors);
+            let look = looks.at(i);
+            let error = errors.at(i, look.q);
+            let agrees = look.sampled & errors.within(i, error, (1.0, 1.0));
+            self.count(i, agrees, look);
             if MEAN {
-                self.delta[i] += if agrees == 1 { error.delta } else { 0.0 };
+                self.delta[i] += if agrees { error.delta } else { 0.0 };
             }
             if SOFTEN {
-                self.note(i, (error, agrees), errors);
+                let close = agrees & errors.within(i, error, (0.5, 0.25));
+                self.note(i, (agrees, close), look);
             }
-            seen.delta[i] = error.delta;
-            seen.agrees[i] = agrees;
+            if KEPT {
+                seen.delta[i] = if look.sampled { error.delta } else { 0.0 };
+                seen.agrees[i] = u32::from(agrees);
+            }
         }
     }
 
     /// Hears a source under the bounds of `dynamic`.
     #[inline(always)]
-    pub(super) fn hear_dynamic(&mut self, errors: &Errors<'_>, seen: &mut Seen) {
+    pub(super) fn hear_dynamic<const KEPT: bool>(
+        &mut self,
+        errors: &Errors<'_>,
+        looks: &impl Looks,
+        seen: &mut Seen,
+    ) {
         for i in 0..BLOCK {
-            let error = errors.at(i, seen.ratio[i]);
-            // How many steps wide the bounds must be: below i at step i.
-            let step = (4.0 * error.pixel2.sqrt()).max(1300.0 * error.relative);
-            let agrees = u32::from(step < f32::from(WIDEST));
+            let look = looks.at(i);
+            let error = errors.at(i, look.q);
+            // How many steps wide the bounds must be, squared: below i² at step i.
+            let relative = 1300.0 * error.delta / errors.block.depth[i];
+            let step2 = (16.0 * error.across2 / error.reprojected2).max(relative * relative);
+            let step2 = if look.sampled { step2 } else { f32::INFINITY };
+            let agrees = step2 < f32::from(WIDEST * WIDEST);
             for at in 0..STEPS.len() {
-                self.meets[at][i] += u32::from(step < f32::from(STEPS[at]));
+                self.meets[at][i] += u32::from(step2 < f32::from(STEPS[at] * STEPS[at]));
             }
-            self.count(i, agrees, errors);
-            self.delta[i] += if agrees == 1 { error.delta } else { 0.0 };
-            seen.delta[i] = error.delta;
-            seen.agrees[i] = agrees;
+            self.count(i, agrees, look);
+            self.delta[i] += if agrees { error.delta } else { 0.0 };
+            if KEPT {
+                seen.delta[i] = if look.sampled { error.delta } else { 0.0 };
+                seen.agrees[i] = u32::from(agrees);
+            }
         }
     }
 
     /// Hears a source under `gipuma`'s rule, |f·B/z − f·B/D| below the bound, by the ratio z/D; `scale` is
     /// f·B over the bound.
     #[inline(always)]
-    pub(super) fn hear_disparity(&mut self, errors: &Errors<'_>, scale: f32, seen: &mut Seen) {
+    pub(super) fn hear_disparity<const SOFTEN: bool>(
+        &mut self,
+        errors: &Errors<'_>,
+        (z, scale): (&[f32; BLOCK], f32),
+        seen: &mut Seen,
+    ) {
+        let bounds = errors.bounds;
         for i in 0..BLOCK {
             let ratio = seen.ratio[i];
             let off = scale * (ratio - 1.0).abs();
-            let agrees = u32::from((ratio > 0.0) & (off < errors.z[i]));
-            self.count(i, agrees, errors);
-            seen.agrees[i] = agrees;
+            let sampled = ratio > 0.0;
+            let agrees = sampled & (off < z[i]);
+            let look = Look {
+                sampled,
+                q: (1.0 - ratio) / ratio,
+                through: sampled & (ratio < bounds.through),
+                judges: sampled & (ratio <= bounds.occluded),
+                silent: (z[i] > 0.0) & (ratio <= 0.0),
+            };
+            self.count(i, agrees, look);
+            if SOFTEN {
+                let error = errors.at(i, look.q);
+                let close = agrees & errors.within(i, error, (0.5, 0.25));
+                self.note(i, (agrees, close), look);
+            }
+            seen.agrees[i] = u32::from(agrees);
         }
     }
 
-    /// Notes who could judge, where the rule has not done so.
     #[inline(always)]
-    pub(super) fn witness(&mut self, errors: &Errors<'_>, seen: &Seen) {
-        for i in 0..BLOCK {
-            let error = errors.at(i, seen.ratio[i]);
-            self.note(i, (error, seen.agrees[i]), errors);
-        }
+    fn count(&mut self, i: usize, agrees: bool, look: Look) {
+        self.count[i] += u32::from(agrees);
+        self.violations[i] += u32::from(look.through & !agrees);
     }
 
     #[inline(always)]
-    fn count(&mut self, i: usize, agrees: u32, errors: &Errors<'_>) {
-        let through = (errors.near[i] > 0.0) & (errors.near[i] < errors.bounds.through);
-        self.count[i] += agrees;
-        self.violations[i] += u32::from(through) & (1 - agrees);
-    }
-
-    #[inline(always)]
-    fn note(&mut self, i: usize, (error, agrees): (Error, u32), errors: &Errors<'_>) {
-        let (bounds, near, z) = (errors.bounds, errors.near[i], errors.z[i]);
-        let close = (error.pixel2 < 0.25 * bounds.pixel2) | (error.relative < 0.5 * bounds.tight);
-        let close = close & (error.relative < 0.5 * bounds.relative);
-        let judges = (near > 0.0) & (near <= bounds.occluded);
-        let silent = (z > 0.0) & (near <= 0.0);
-        self.witnesses.close[i] += agrees & u32::from(close);
-        self.witnesses.against[i] += (1 - agrees) & u32::from(judges);
-        self.witnesses.silent[i] += (1 - agrees) & u32::from(silent);
+    fn note(&mut self, i: usize, (agrees, close): (bool, bool), look: Look) {
+        self.witnesses.close[i] += u32::from(close);
+        self.witnesses.against[i] += u32::from(look.judges & !agrees);
+        self.witnesses.silent[i] += u32::from(look.silent & !agrees);
     }
 
     /// After all sources: whether `needed` of them agree, or [`FEWEST`] where that may `soften` and nobody
@@ -251,7 +263,7 @@ impl Consensus {
 }
 
 /// The middle value of the reference's (0) and the agreeing ones, of an even number the smaller
-/// middle one. All pixels are sorted at once by the same comparisons; what does not agree is ∞.
+/// middle one. All pixels are sorted at once by the same exchanges; what does not agree is ∞.
 #[inline(always)]
 pub(super) fn median(seen: &[Seen], sorted: &mut [[f32; BLOCK]], consensus: &mut Consensus) {
     sorted[0] = [0.0; BLOCK];
@@ -265,12 +277,7 @@ pub(super) fn median(seen: &[Seen], sorted: &mut [[f32; BLOCK]], consensus: &mut
             };
         }
     }
-    for end in 1..sorted.len() {
-        for at in (0..end).rev() {
-            let (lower, upper) = sorted.split_at_mut(at + 1);
-            exchange(&mut lower[at], &mut upper[0]);
-        }
-    }
+    sort(sorted);
     // Exactly one rank is the middle. (Sums and minima, because conditional stores are slow.)
     consensus.delta = [0.0; BLOCK];
     for (rank, values) in (0u32..).zip(sorted.iter()) {
@@ -281,12 +288,35 @@ pub(super) fn median(seen: &[Seen], sorted: &mut [[f32; BLOCK]], consensus: &mut
     }
 }
 
+/// Batcher's merge exchange (Knuth, The Art of Computer Programming 3, algorithm 5.2.2 M).
+#[inline(always)]
+fn sort(values: &mut [[f32; BLOCK]]) {
+    let half = values.len().next_power_of_two() / 2;
+    let mut part = half;
+    while part > 0 {
+        let (mut left, mut of, mut apart) = (half, 0, part);
+        loop {
+            for at in (0..values.len().saturating_sub(apart)).filter(|at| at & part == of) {
+                let (lower, upper) = values.split_at_mut(at + apart);
+                exchange(&mut lower[at], &mut upper[0]);
+            }
+            if left == part {
+                break;
+            }
+            (apart, of) = (left - part, part);
+            left /= 2;
+        }
+        part /= 2;
+    }
+}
+
 /// Puts the smaller of each two values into `lower`; none is NaN.
 #[inline(always)]
 fn exchange(lower: &mut [f32; BLOCK], upper: &mut [f32; BLOCK]) {
     for i in 0..BLOCK {
         let (a, b) = (lower[i], upper[i]);
-        lower[i] = a.min(b);
-        upper[i] = a.max(b);
+        // In these words one instruction each.
+        lower[i] = if a < b { a } else { b };
+        upper[i] = if a < b { b } else { a };
     }
 }

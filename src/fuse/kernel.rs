@@ -15,7 +15,10 @@
 )]
 
 use super::geometry::PairGeometry;
-use super::samples::{Grid, Samples};
+use super::near::{Near, Relative};
+#[cfg(test)]
+use super::samples::Grid;
+use super::samples::Samples;
 use crate::ahead::prefetch;
 use mvs_datasets::scene::View;
 
@@ -49,6 +52,7 @@ impl Block {
     }
 
     /// Adds a pixel of a map; the block must not be full.
+    #[cfg(test)]
     pub(super) fn push(&mut self, grid: Grid, column: u32, row: u32, depth: f32) {
         let at = self.len;
         (self.pixel[at], self.place[at]) = grid.numbers(column, row);
@@ -81,34 +85,9 @@ impl Block {
         self.u[at] as usize
     }
 
+    #[cfg(test)]
     pub(super) fn is_full(&self) -> bool {
         self.len == BLOCK
-    }
-}
-
-/// A block's coordinates and depths as they are multiplied, for all sources.
-pub(super) struct Wide {
-    u: [f64; BLOCK],
-    v: [f64; BLOCK],
-    depth: [f64; BLOCK],
-}
-
-impl Wide {
-    pub(super) fn new() -> Self {
-        Self {
-            u: [0.0; BLOCK],
-            v: [0.0; BLOCK],
-            depth: [0.0; BLOCK],
-        }
-    }
-
-    #[inline(always)]
-    pub(super) fn fill(&mut self, block: &Block) {
-        for i in 0..BLOCK {
-            self.u[i] = f64::from(block.u[i]);
-            self.v[i] = f64::from(block.v[i]);
-            self.depth[i] = f64::from(block.depth[i]);
-        }
     }
 }
 
@@ -151,7 +130,7 @@ impl Seen {
 #[derive(Debug, Clone)]
 pub(super) struct Pair {
     /// Columns of the rotation, then the translation of [`PairGeometry`].
-    columns: [[f64; 3]; 4],
+    pub(super) columns: [[f64; 3]; 4],
     /// (e_x, e_y, c_z).
     pub(super) epipole: [f32; 3],
 }
@@ -160,27 +139,27 @@ pub(super) struct Pair {
 pub(super) struct Footprint {
     /// z-depth of the hypothesis in the source; 0 where it does not project into the map.
     pub(super) z: [f32; BLOCK],
+    /// 1 / `z`, or 0.
+    pub(super) inverse: [f32; BLOCK],
     /// The place in the bordered map of the upper left one.
     pub(super) index: [u32; BLOCK],
     /// How far the position lies to the right of it, and below.
     pub(super) fx: [f32; BLOCK],
     pub(super) fy: [f32; BLOCK],
+    /// Whether anything projects into the map.
+    pub(super) any: bool,
 }
 
 impl Footprint {
     pub(super) fn new() -> Self {
         Self {
             z: [0.0; BLOCK],
+            inverse: [0.0; BLOCK],
             index: [0; BLOCK],
             fx: [0.0; BLOCK],
             fy: [0.0; BLOCK],
+            any: false,
         }
-    }
-
-    /// Whether anything projects into the map.
-    #[inline(always)]
-    pub(super) fn any(&self) -> bool {
-        self.z.iter().fold(false, |any, &z| any | (z > 0.0))
     }
 }
 
@@ -208,7 +187,27 @@ impl Pair {
     #[inline(always)]
     pub(super) fn project<const KEPT: bool>(
         &self,
-        wide: &Wide,
+        (block, near): (&Block, &Near),
+        source: &Samples,
+        seen: &mut Seen,
+        to: &mut Footprint,
+    ) {
+        match Relative::new(&self.columns, near) {
+            Some(relative) => relative.project::<KEPT>(near, source, seen, to),
+            None => self.project_widely::<KEPT>(block, source, seen, to),
+        }
+        to.any = to.z.iter().fold(false, |any, &z| any | (z > 0.0));
+        for &first in to.index.iter().step_by(ASKED) {
+            prefetch(source.values(), first as usize);
+            prefetch(source.values(), first as usize + source.stride());
+        }
+    }
+
+    /// The same for any block.
+    #[inline(always)]
+    pub(super) fn project_widely<const KEPT: bool>(
+        &self,
+        block: &Block,
         source: &Samples,
         seen: &mut Seen,
         to: &mut Footprint,
@@ -225,7 +224,11 @@ impl Pair {
         let left = source.columns().start as f64 - 1.0;
         let last = stride - 2.0;
         for i in 0..BLOCK {
-            let (u, v, depth) = (wide.u[i], wide.v[i], wide.depth[i]);
+            let (u, v, depth) = (
+                f64::from(block.u[i]),
+                f64::from(block.v[i]),
+                f64::from(block.depth[i]),
+            );
             let along = |axis: usize| {
                 let direction = a[axis].mul_add(u, b[axis].mul_add(v, c[axis]));
                 depth.mul_add(direction, t[axis])
@@ -248,10 +251,7 @@ impl Pair {
                 seen.y[i] = y as f32;
             }
             to.z[i] = if inside { pz as f32 } else { 0.0 };
-        }
-        for &first in to.index.iter().step_by(ASKED) {
-            prefetch(source.values(), first as usize);
-            prefetch(source.values(), first as usize + source.stride());
+            to.inverse[i] = if inside { inverse as f32 } else { 0.0 };
         }
     }
 }

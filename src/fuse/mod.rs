@@ -15,11 +15,13 @@ mod counts;
 mod engine;
 #[cfg(test)]
 mod extremes;
+mod filling;
 mod finish;
 pub mod geometry;
 mod inputs;
 mod kernel;
 mod merrell;
+mod near;
 mod normals;
 mod options;
 #[cfg(test)]

@@ -4,6 +4,7 @@
 use super::confident::{Confident, Rows};
 use super::consensus::Consensus;
 use super::counts::FuseCounts;
+use super::filling::{Filling, STRIP, Take};
 use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room, Run};
 use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
@@ -20,9 +21,6 @@ use mvs_datasets::scene::{ColorImage, NormalMap, Raster, View};
 use pulp::Arch;
 use std::ops::Range;
 use std::sync::Arc;
-
-/// Columns of a strip.
-const STRIP: usize = 16;
 
 /// One in so many pixels of a block is asked for ahead: its neighbours lie in the same cache line or near.
 const ASKED: usize = 8;
@@ -242,21 +240,26 @@ impl Reference<'_> {
         };
         let mut verdict = Verdict::new(sources.len(), kept);
         let arch = Arch::new();
-        let mut finish = |block: &mut Block| {
+        let mut block = Block::new();
+        let mut finish = |filling: &mut Filling| {
+            let (grid, unit) = (self.samples.grid(), self.samples.unit());
+            let block = &mut block;
+            arch.dispatch(Take {
+                filling,
+                block,
+                grid,
+                unit,
+            });
             ahead(block);
-            for depth in &mut block.depth {
-                *depth = self.samples.unit().convert(*depth);
-            }
             arch.dispatch(Case {
                 court,
                 block,
                 verdict: &mut verdict,
             });
             f(block, &verdict.seen, &verdict.consensus);
-            block.len = 0;
         };
-        let mut block = Block::new();
-        let (grid, stored) = (self.samples.grid(), self.samples.columns());
+        let mut filling = Filling::new();
+        let stored = self.samples.columns();
         let extents = || rows.clone().map(|row| self.samples.extent(row));
         let filled = || extents().filter(|extent| !extent.is_empty());
         let first = filled().map(|extent| extent.start).min().unwrap_or(0);
@@ -270,19 +273,15 @@ impl Reference<'_> {
                 if values.iter().fold(0, |bits, value| bits | value.to_bits()) == 0 {
                     continue;
                 }
-                for (column, &stored) in (left..).zip(values) {
-                    if stored > 0.0 {
-                        #[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
-                        block.push(grid, column as u32, row as u32, stored);
-                        if block.is_full() {
-                            finish(&mut block);
-                        }
-                    }
+                #[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
+                filling.add((left as u32, row as u32), values);
+                if filling.is_full() {
+                    finish(&mut filling);
                 }
             }
         }
-        if block.len > 0 {
-            finish(&mut block);
+        if !filling.is_empty() {
+            finish(&mut filling);
         }
     }
 

@@ -6,10 +6,11 @@
 )]
 
 use super::consensus::{Consensus, Errors, median};
-use super::kernel::{BLOCK, Block, Footprint, Pair, Seen, Wide};
+use super::kernel::{BLOCK, Block, Footprint, Pair, Seen};
+use super::near::Near;
 use super::options::{FuseMode, FuseOptions, Sampling};
 use super::samples::Samples;
-use super::taps::{Sampled, Taps};
+use super::taps::{Looks, PlainLooks, Sampled, Sight, Taps, ValidLooks};
 use mvs_datasets::scene::View;
 use pulp::{Simd, WithSimd};
 
@@ -134,7 +135,7 @@ pub(super) struct Verdict {
     sorted: Vec<[f32; BLOCK]>,
     /// In turn of the sources that are being looked at.
     footprints: Vec<Footprint>,
-    wide: Wide,
+    near: Near,
     /// Of the source being looked at, and of the next.
     sampled: [Sampled; 2],
     pub(super) consensus: Consensus,
@@ -147,7 +148,7 @@ impl Verdict {
             seen: vec![Seen::new(); told],
             sorted: vec![[0.0; BLOCK]; sources + 1],
             footprints: (0..LOOKED_AT).map(|_| Footprint::new()).collect(),
-            wide: Wide::new(),
+            near: Near::new(),
             sampled: [Sampled::new(), Sampled::new()],
             consensus: Consensus::new(),
         }
@@ -180,70 +181,98 @@ impl WithSimd for Case<'_> {
             seen,
             sorted,
             footprints,
-            wide,
+            near,
             sampled,
             consensus,
         } = verdict;
         consensus.begin(court.rule, court.soften);
-        wide.fill(block);
+        near.fill(block);
         let (told, turns) = (seen.len(), footprints.len());
+        let sources = court.sources;
+        // Which footprint is a step's, and which those of the two before. (Not by remainders: divisions are slow.)
+        let mut turn = [turns - 1, turns - 2, turns - 3];
         // Pixels are fetched when the next source was projected, so that they have time to come. What was
         // fetched is looked at when the next source's pixels have been, too: right away it would still be on its
         // way from single pixels to memory, where vectors of them are read.
-        for step in 0..court.sources.len() + 2 {
-            if let Some(source) = court.sources.get(step) {
-                let to = &mut footprints[step % turns];
-                let (pair, seen) = (source.pair, &mut seen[step % told]);
+        for step in 0..sources.len() + 2 {
+            let next = if turn[0] + 1 == turns { 0 } else { turn[0] + 1 };
+            turn = [next, turn[0], turn[1]];
+            if let Some(source) = sources.get(step) {
+                let to = &mut footprints[turn[0]];
+                let seen = &mut seen[if told == 1 { 0 } else { step }];
+                let from = (block, &*near);
                 match court.kept {
-                    Kept::Positions => pair.project::<true>(wide, source.samples, seen, to),
-                    _ => pair.project::<false>(wide, source.samples, seen, to),
+                    Kept::Positions => source.pair.project::<true>(from, source.samples, seen, to),
+                    _ => source.pair.project::<false>(from, source.samples, seen, to),
                 }
             }
-            let Some(ahead) = step.checked_sub(1) else {
-                continue;
-            };
-            if let Some(source) = court.sources.get(ahead)
-                && footprints[ahead % turns].any()
+            let ahead = &footprints[turn[1]];
+            if let Some(source) = step.checked_sub(1).and_then(|ahead| sources.get(ahead))
+                && ahead.any
             {
-                let map = (source.samples, court.taps);
-                sampled[ahead % 2].fetch(map, &footprints[ahead % turns]);
+                sampled[step % 2].fetch((source.samples, court.taps), ahead);
             }
-            let Some(at) = ahead.checked_sub(1) else {
+            let Some(at) = step.checked_sub(2) else {
                 continue;
             };
-            let (source, footprint) = (&court.sources[at], &footprints[at % turns]);
-            let (seen, sampled) = (&mut seen[at % told], &mut sampled[at % 2]);
-            if !footprint.any() {
+            let (source, footprint) = (&sources[at], &footprints[turn[2]]);
+            let seen = &mut seen[if told == 1 { 0 } else { at }];
+            let sampled = &sampled[1 - step % 2];
+            if !footprint.any {
                 seen.nothing();
                 continue;
             }
-            let map = (source.samples.unit(), court.taps);
-            sampled.weigh(map, footprint, &mut seen.ratio);
             let errors = Errors {
                 epipole: source.pair.epipole,
                 block,
-                near: &sampled.near,
-                z: &footprint.z,
                 bounds: &court.bounds,
             };
-            match (court.rule, court.soften) {
-                (Rule::Disparity, soften) => {
-                    consensus.hear_disparity(&errors, source.disparity, seen);
-                    if soften {
-                        consensus.witness(&errors, seen);
+            let sight = Sight {
+                sampled,
+                footprint,
+                bounds: &court.bounds,
+            };
+            match court.taps {
+                Taps::Nearest => {
+                    let unit = source.samples.unit();
+                    sampled.weigh_nearest(unit, footprint, &mut seen.ratio);
+                    let scale = (&footprint.z, source.disparity);
+                    match court.soften {
+                        true => consensus.hear_disparity::<true>(&errors, scale, seen),
+                        false => consensus.hear_disparity::<false>(&errors, scale, seen),
                     }
                 }
-                (Rule::Dynamic, _) => consensus.hear_dynamic(&errors, seen),
-                (Rule::Average, false) => consensus.hear::<true, false>(&errors, seen),
-                (Rule::Average, true) => consensus.hear::<true, true>(&errors, seen),
-                (Rule::Median | Rule::Keep, false) => consensus.hear::<false, false>(&errors, seen),
-                (Rule::Median | Rule::Keep, true) => consensus.hear::<false, true>(&errors, seen),
+                Taps::Plain => hear(&court, &errors, &PlainLooks(sight), (consensus, seen)),
+                Taps::Valid(similar) => {
+                    let looks = ValidLooks(sight, similar);
+                    hear(&court, &errors, &looks, (consensus, seen));
+                }
             }
         }
         consensus.decide(court.rule, court.needed, court.soften);
         if court.rule == Rule::Median {
             median(seen, sorted, consensus);
         }
+    }
+}
+
+/// Hears a source by the rule of the court.
+#[inline(always)]
+fn hear(
+    court: &Court<'_>,
+    errors: &Errors<'_>,
+    looks: &impl Looks,
+    (consensus, seen): (&mut Consensus, &mut Seen),
+) {
+    let kept = court.kept != Kept::Nothing;
+    match (court.rule, court.soften, kept) {
+        (Rule::Dynamic, _, false) => consensus.hear_dynamic::<false>(errors, looks, seen),
+        (Rule::Dynamic, _, true) => consensus.hear_dynamic::<true>(errors, looks, seen),
+        (Rule::Average, false, false) => consensus.hear::<true, false, false>(errors, looks, seen),
+        (Rule::Average, false, true) => consensus.hear::<true, false, true>(errors, looks, seen),
+        (Rule::Average, true, _) => consensus.hear::<true, true, true>(errors, looks, seen),
+        (_, false, _) => consensus.hear::<false, false, true>(errors, looks, seen),
+        (_, true, _) => consensus.hear::<false, true, true>(errors, looks, seen),
     }
 }
 

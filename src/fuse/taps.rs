@@ -6,6 +6,7 @@
 )]
 
 use super::kernel::{BLOCK, Footprint};
+use super::rules::Bounds;
 use super::samples::{Samples, Unit};
 
 /// How the four pixels around a position are combined.
@@ -23,18 +24,16 @@ pub(super) enum Taps {
 /// What is sampled of one source, used again for the next.
 pub(super) struct Sampled {
     /// Left and right of the upper pixels, and of the lower ones.
-    top: [[f32; 2]; BLOCK],
-    bottom: [[f32; 2]; BLOCK],
-    /// Expected depth / depth of the nearest pixel; 0 where that has none.
-    pub(super) near: [f32; BLOCK],
+    four: [[f32; 4]; BLOCK],
+    /// The nearest pixel's value; where that alone is fetched.
+    nearest: [f32; BLOCK],
 }
 
 impl Sampled {
     pub(super) fn new() -> Self {
         Self {
-            top: [[0.0; 2]; BLOCK],
-            bottom: [[0.0; 2]; BLOCK],
-            near: [0.0; BLOCK],
+            four: [[0.0; 4]; BLOCK],
+            nearest: [0.0; BLOCK],
         }
     }
 
@@ -47,27 +46,20 @@ impl Sampled {
         }
     }
 
-    /// Puts expected depth / sampled depth into `ratio`, 0 for none, of the pixels that were fetched.
+    /// Puts expected depth / depth of the nearest pixel into `ratio`, 0 for none, where it was fetched alone.
     #[inline(always)]
-    pub(super) fn weigh(
-        &mut self,
-        (unit, taps): (Unit, Taps),
+    pub(super) fn weigh_nearest(
+        &self,
+        unit: Unit,
         footprint: &Footprint,
         ratio: &mut [f32; BLOCK],
     ) {
-        match taps {
-            Taps::Valid(similar) => self.valid(footprint, similar, ratio),
-            Taps::Plain => self.plain(footprint, ratio),
-            Taps::Nearest => {
-                let z = &footprint.z;
-                for i in 0..BLOCK {
-                    self.near[i] = match unit {
-                        Unit::Inverse => self.near[i] * z[i],
-                        Unit::Depth => over(z[i], self.near[i]),
-                    };
-                }
-                *ratio = self.near;
-            }
+        let z = &footprint.z;
+        for i in 0..BLOCK {
+            ratio[i] = match unit {
+                Unit::Inverse => self.nearest[i] * z[i],
+                Unit::Depth => over(z[i], self.nearest[i]),
+            };
         }
     }
 
@@ -78,7 +70,7 @@ impl Sampled {
         for i in 0..BLOCK {
             let right = usize::from(footprint.fx[i] >= 0.5);
             let below = if footprint.fy[i] >= 0.5 { stride } else { 0 };
-            self.near[i] = values[footprint.index[i] as usize + right + below];
+            self.nearest[i] = values[footprint.index[i] as usize + right + below];
         }
     }
 
@@ -89,54 +81,106 @@ impl Sampled {
         let above = &source.values()[..starts];
         let below = &source.values()[source.stride()..][..starts];
         for i in 0..BLOCK {
-            let start = index[i] as usize;
-            self.top[i] = [above[start], above[start + 1]];
-            self.bottom[i] = [below[start], below[start + 1]];
+            let two = index[i] as usize..index[i] as usize + 2;
+            let (above, below) = (&above[two.clone()], &below[two]);
+            self.four[i] = [above[0], above[1], below[0], below[1]];
         }
     }
+}
 
-    /// Expected depth / bilinear depth, pixels without depth as zeros.
+/// What a source's pixels say about one hypothesis.
+#[derive(Clone, Copy)]
+pub(super) struct Look {
+    /// Whether the source has a depth there.
+    pub(super) sampled: bool,
+    /// Sampled depth / expected depth − 1; means nothing without a sample.
+    pub(super) q: f32,
+    /// Whether the nearest pixel's depth is beyond the hypothesis.
+    pub(super) through: bool,
+    /// Whether the nearest pixel has a depth that is not in front of the hypothesis.
+    pub(super) judges: bool,
+    /// Whether the hypothesis projects into the map, where the nearest pixel has no depth.
+    pub(super) silent: bool,
+}
+
+/// A way to combine the four pixels.
+pub(super) trait Looks {
+    /// At entry `i` of the block.
+    fn at(&self, i: usize) -> Look;
+}
+
+/// What there is to look at.
+#[derive(Clone, Copy)]
+pub(super) struct Sight<'a> {
+    pub(super) sampled: &'a Sampled,
+    pub(super) footprint: &'a Footprint,
+    pub(super) bounds: &'a Bounds,
+}
+
+/// Bilinear depth, pixels without depth as zeros.
+pub(super) struct PlainLooks<'a>(pub(super) Sight<'a>);
+
+impl Looks for PlainLooks<'_> {
     #[inline(always)]
-    fn plain(&mut self, footprint: &Footprint, ratio: &mut [f32; BLOCK]) {
-        let z = &footprint.z;
-        for i in 0..BLOCK {
-            let ([a, b], [c, d]) = (self.top[i], self.bottom[i]);
-            let (fx, fy) = (footprint.fx[i], footprint.fy[i]);
-            let top = a * (1.0 - fx) + b * fx;
-            let bottom = c * (1.0 - fx) + d * fx;
-            let depth = top * (1.0 - fy) + bottom * fy;
-            ratio[i] = over(z[i], depth);
-            self.near[i] = over(z[i], nearest([a, b], [c, d], footprint, i));
+    fn at(&self, i: usize) -> Look {
+        let Sight {
+            sampled,
+            footprint,
+            bounds,
+        } = self.0;
+        let [a, b, c, d] = sampled.four[i];
+        let (fx, fy, inverse) = (footprint.fx[i], footprint.fy[i], footprint.inverse[i]);
+        let top = fx.mul_add(b - a, a);
+        let bottom = fx.mul_add(d - c, c);
+        let depth = fy.mul_add(bottom - top, top);
+        let beyond = nearest([a, b], [c, d], footprint, i) * inverse;
+        Look {
+            sampled: depth * inverse > 0.0,
+            q: depth.mul_add(inverse, -1.0),
+            through: beyond * bounds.through > 1.0,
+            judges: beyond * bounds.occluded >= 1.0,
+            silent: (inverse > 0.0) & (beyond <= 0.0),
         }
     }
+}
 
-    /// Bilinear inverse depth over the pixels near the expected one, times the expected depth. The
-    /// nearest pixel must be among them: half a pixel is the most that is extrapolated.
+/// Bilinear inverse depth over the pixels within a fraction of the expected one. The nearest pixel must be
+/// among them: half a pixel is the most that is extrapolated.
+pub(super) struct ValidLooks<'a>(pub(super) Sight<'a>, pub(super) f32);
+
+impl Looks for ValidLooks<'_> {
     #[inline(always)]
-    fn valid(&mut self, footprint: &Footprint, similar: f32, ratio: &mut [f32; BLOCK]) {
-        let z = &footprint.z;
-        for i in 0..BLOCK {
-            let ([a, b], [c, d]) = (self.top[i], self.bottom[i]);
-            let near = nearest([a, b], [c, d], footprint, i) * z[i];
-            let (fx, fy) = (footprint.fx[i], footprint.fy[i]);
-            let (gx, gy) = (1.0 - fx, 1.0 - fy);
-            let mut weight = 0.0;
-            let mut offset = 0.0;
-            for (tap, share) in [(a, gx * gy), (b, fx * gy), (c, gx * fy), (d, fx * fy)] {
-                // Offsets from 1 are summed, not ratios, so that rounding does not grow.
-                let from_one = tap * z[i] - 1.0;
-                let share = if from_one.abs() <= similar {
-                    share
-                } else {
-                    0.0
-                };
-                weight += share;
-                offset += share * from_one;
-            }
-            let nearest_counts = (near - 1.0).abs() <= similar;
-            let found = 1.0 + offset / weight;
-            ratio[i] = if nearest_counts { found } else { 0.0 };
-            self.near[i] = near;
+    fn at(&self, i: usize) -> Look {
+        let Sight {
+            sampled,
+            footprint,
+            bounds,
+        } = self.0;
+        let similar = self.1;
+        let [a, b, c, d] = sampled.four[i];
+        let (fx, fy, z) = (footprint.fx[i], footprint.fy[i], footprint.z[i]);
+        let near = nearest([a, b], [c, d], footprint, i) * z;
+        let (gx, gy) = (1.0 - fx, 1.0 - fy);
+        let mut weight = 0.0f32;
+        let mut offset = 0.0f32;
+        for (tap, share) in [(a, gx * gy), (b, fx * gy), (c, gx * fy), (d, fx * fy)] {
+            // Offsets from 1 are summed, not ratios, so that rounding does not grow.
+            let from_one = tap.mul_add(z, -1.0);
+            let share = if from_one.abs() <= similar {
+                share
+            } else {
+                0.0
+            };
+            weight += share;
+            offset = share.mul_add(from_one, offset);
+        }
+        let ratio = weight + offset;
+        Look {
+            sampled: ((near - 1.0).abs() <= similar) & (ratio > 0.0),
+            q: -offset / ratio,
+            through: (near > 0.0) & (near < bounds.through),
+            judges: (near > 0.0) & (near <= bounds.occluded),
+            silent: (z > 0.0) & (near <= 0.0),
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::fuse::options::FuseOptions;
 use crate::fuse::rules::Bounds;
 use crate::fuse::samples::{Grid, Unit};
 use crate::fuse::sampling;
-use crate::fuse::taps::{Sampled, Taps};
+use crate::fuse::taps::{Look, Looks, PlainLooks, Sampled, Sight, Taps, ValidLooks};
 use crate::fuse::testing::{random_view, rng, uniform};
 use glam::DVec2;
 use mvs_datasets::scene::DepthMap;
@@ -64,28 +64,35 @@ fn valid_oracle(map: &DepthMap, pixel: DVec2, z: f64, similar: f64) -> Option<f6
     Some(if nearest { sum / weight } else { 0.0 })
 }
 
-/// What a source says about a block, and the errors that follow.
+/// What a source's pixels say about a block, and the errors that follow.
 fn looked(
     pair: &Pair,
     (reference, block): (&View, &Block),
-    map: (&Samples, Taps),
-) -> (Seen, [Error; BLOCK]) {
+    (map, taps): (&Samples, Taps),
+) -> [(Look, Error); BLOCK] {
     let (mut seen, mut footprint) = (Seen::new(), Footprint::new());
-    let (mut wide, mut sampled) = (Wide::new(), Sampled::new());
-    wide.fill(block);
-    pair.project::<true>(&wide, map.0, &mut seen, &mut footprint);
-    sampled.fetch(map, &footprint);
-    let map = (map.0.unit(), map.1);
-    sampled.weigh(map, &footprint, &mut seen.ratio);
+    let (mut near, mut sampled) = (Near::new(), Sampled::new());
+    near.fill(block);
+    pair.project::<true>((block, &near), map, &mut seen, &mut footprint);
+    sampled.fetch((map, taps), &footprint);
+    let bounds = &Bounds::new(reference, &FuseOptions::default());
     let errors = Errors {
         epipole: pair.epipole,
         block,
-        near: &sampled.near,
-        z: &footprint.z,
-        bounds: &Bounds::new(reference, &FuseOptions::default()),
+        bounds,
     };
-    let errors = std::array::from_fn(|i| errors.at(i, seen.ratio[i]));
-    (seen, errors)
+    let sight = Sight {
+        sampled: &sampled,
+        footprint: &footprint,
+        bounds,
+    };
+    std::array::from_fn(|i| {
+        let look = match taps {
+            Taps::Valid(similar) => ValidLooks(sight, similar).at(i),
+            _ => PlainLooks(sight).at(i),
+        };
+        (look, errors.at(i, look.q))
+    })
 }
 
 #[test]
@@ -107,8 +114,8 @@ fn the_loop_agrees_with_the_closed_form_in_f64() {
             .collect();
         let as_depth = Samples::new(map.size(), Unit::Depth, map.values());
         let as_inverse = Samples::new(map.size(), Unit::Inverse, &inverse);
-        let (plain, errors) = looked(&pair, (&reference, &block), (&as_depth, Taps::Plain));
-        let (valid, _) = looked(
+        let plain = looked(&pair, (&reference, &block), (&as_depth, Taps::Plain));
+        let valid = looked(
             &pair,
             (&reference, &block),
             (&as_inverse, Taps::Valid(0.02)),
@@ -118,9 +125,9 @@ fn the_loop_agrees_with_the_closed_form_in_f64() {
             let depth = f64::from(block.depth[i]);
             let projected = geometry.project(pixel, depth);
             let sampled = projected.map_or(0.0, |p| sampling::plain(&map, p.pixel));
-            assert_eq!(plain.ratio[i] > 0.0, sampled > 0.0);
+            let (look, error) = plain[i];
+            assert_eq!(look.sampled, sampled > 0.0);
             let Some(projected) = projected.filter(|_| sampled > 0.0) else {
-                assert!(errors[i].relative.is_infinite() && errors[i].pixel2.is_infinite());
                 continue;
             };
             plain_seen += 1;
@@ -132,16 +139,26 @@ fn the_loop_agrees_with_the_closed_form_in_f64() {
                     "{found} {expected} q {q}"
                 );
             };
+            close(error.delta, geometry.reprojected_depth(depth, q) - depth);
             close(
-                errors[i].delta,
-                geometry.reprojected_depth(depth, q) - depth,
+                error.delta.abs() / block.depth[i],
+                geometry.depth_error(depth, q),
             );
-            close(errors[i].relative, geometry.depth_error(depth, q));
+            let reprojected = geometry.reprojected_depth(depth, q);
+            close(error.reprojected2.sqrt(), reprojected.abs());
+            // In pixels times depth: a hundred times as large.
+            let across = f64::from(error.across2).sqrt() / 640.0;
+            let expected = geometry.pixel_error(pixel, depth, q) * reprojected.abs() / 640.0;
+            close(across as f32, expected);
             let oracle = valid_oracle(&map, projected.pixel, projected.depth, 0.02);
             let Some(oracle) = oracle else { continue };
-            valid_seen += usize::from(oracle > 0.0);
-            let found = f64::from(valid.ratio[i]);
-            assert!((found - oracle).abs() < 1e-6, "{found} {oracle}");
+            let (look, _) = valid[i];
+            assert_eq!(look.sampled, oracle > 0.0);
+            if oracle > 0.0 {
+                valid_seen += 1;
+                let found = 1.0 / (1.0 + f64::from(look.q));
+                assert!((found - oracle).abs() < 1e-6, "{found} {oracle}");
+            }
         }
     }
     assert!(
