@@ -128,9 +128,9 @@ mod tests {
 
     #[test]
     fn blocks_are_whole_and_lie_at_multiples() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("file");
-        let mut out = BlockWriter::new(File::create(&path).unwrap());
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let path = file.path();
+        let mut out = BlockWriter::new(file.reopen().unwrap());
         let length = || path.metadata().unwrap().len() as usize;
         out.write_all(&[1; 1000]).unwrap();
         assert_eq!((length(), out.stream_position().unwrap()), (0, 1000));
@@ -150,9 +150,9 @@ mod tests {
     #[test]
     fn room_is_asked_for_ahead_and_given_back() {
         use std::os::unix::fs::MetadataExt;
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("file");
-        let mut out = BlockWriter::new(File::create(&path).unwrap());
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let path = file.path();
+        let mut out = BlockWriter::new(file.reopen().unwrap());
         let room = || path.metadata().unwrap().blocks() * 512;
         out.write_all(&vec![1; FIRST as usize - BLOCK]).unwrap();
         assert_eq!(out.room, Some(0), "small files ask for none");
@@ -167,7 +167,7 @@ mod tests {
         out.seek(SeekFrom::Start(3)).unwrap();
         out.write_all(b"the count").unwrap();
         out.finish().unwrap();
-        let found = std::fs::read(&path).unwrap();
+        let found = std::fs::read(path).unwrap();
         assert_eq!(found.len(), FIRST as usize - BLOCK + 9_000_000 + 7);
         assert!(found.ends_with(b"the end") && found[3..].starts_with(b"the count"));
         assert!(room() <= before, "{} {before}", room());
@@ -180,9 +180,9 @@ mod tests {
         fn what_is_written_anywhere_is_what_is_there(
             steps in proptest::collection::vec((0usize..3, 0usize..3 * BLOCK, 0usize..600_000), 1..8),
         ) {
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("file");
-            let mut found = BlockWriter::new(File::create(&path).unwrap());
+            let file = tempfile::NamedTempFile::new().unwrap();
+            let path = file.path();
+            let mut found = BlockWriter::new(file.reopen().unwrap());
             let mut expected = Cursor::new(Vec::new());
             for (number, (kind, length, place)) in steps.into_iter().enumerate() {
                 match kind {
@@ -202,7 +202,7 @@ mod tests {
                 prop_assert_eq!(found.stream_position().unwrap(), expected.stream_position().unwrap());
             }
             found.finish().unwrap();
-            prop_assert!(std::fs::read(&path).unwrap() == expected.into_inner());
+            prop_assert!(std::fs::read(path).unwrap() == expected.into_inner());
         }
     }
 }

@@ -244,10 +244,11 @@ impl DepthMaps for FolderMaps<'_> {
         let mut found = size;
         self.read_through(only, |bytes, passed| {
             found = pfm::read_size(bytes)?;
-            match found == size {
-                true => pfm::gray_parts(bytes, size, wanted, to, passed),
-                false => Ok(passed(bytes)), // to be said in another way
+            if found == size {
+                return pfm::gray_parts(bytes, size, wanted, to, passed);
             }
+            passed(bytes); // that it is another size is said below
+            Ok(())
         })?;
         self.check_size(index, only, found)?;
         Ok(true)

@@ -49,7 +49,7 @@ impl<W: Write + Seek> PointSink for Outputs<'_, W> {
 
     fn wants_rows(&self) -> Option<Columns> {
         let only_ply = matches!(self.visible, Visible::None) && self.depths.is_none();
-        only_ply.then(|| self.ply.columns)
+        only_ply.then_some(self.ply.columns)
     }
 
     fn take_rows(&mut self, rows: &[u8]) -> Result<()> {
