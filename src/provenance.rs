@@ -160,6 +160,19 @@ impl Inputs {
         Ok(())
     }
 
+    /// All that is listed, folder by folder.
+    pub fn files(&self) -> Vec<&Path> {
+        let mut waiting: Vec<&Listed> = self.listed.values().collect();
+        let mut files = Vec::new();
+        while let Some(listed) = waiting.pop() {
+            match listed {
+                Listed::Folder(entries) => waiting.extend(entries.iter().map(|(_, entry)| entry)),
+                Listed::File(path) => files.push(path.as_path()),
+            }
+        }
+        files
+    }
+
     /// Hashes what is listed now, but for the files of `later`, which are hashed as they are read: what is
     /// read before the work, and what is not read at all, counts as it was then.
     ///

@@ -96,7 +96,18 @@ impl Command {
 
 /// Runs the command line of this process.
 pub(crate) fn main() -> ExitCode {
-    let cli = match parse(std::env::args_os()) {
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    if let Some(odd) = arguments
+        .iter()
+        .find(|argument| argument.to_str().is_none())
+    {
+        output::say(&format!(
+            "error: {}: expected arguments in UTF-8, which records can hold, found other bytes: rename the file",
+            odd.to_string_lossy()
+        ));
+        return ExitCode::from(2);
+    }
+    let cli = match parse(arguments) {
         Ok(cli) => cli,
         Err(error) => {
             let code = if error.use_stderr() { 2 } else { 0 };

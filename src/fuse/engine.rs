@@ -50,8 +50,8 @@ pub struct FuseInputs<'a> {
 /// Points come by view and row-major pixel, whatever the number of threads and the memory.
 ///
 /// # Errors
-/// No views, options out of range, maps that do not have their camera's size, sources that are no
-/// other view, whatever reading and writing brings, and interruption.
+/// No views, options out of range, cameras with a lens, maps that do not have their camera's size, sources that
+/// are no other view, whatever reading and writing brings, and interruption.
 pub fn fuse_maps(
     inputs: &FuseInputs<'_>,
     options: &FuseOptions,

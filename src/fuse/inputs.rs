@@ -198,6 +198,7 @@ pub(super) fn check_views(maps: &dyn DepthMaps) -> Result<()> {
     }
     for index in 0..maps.count() {
         check_places(maps.view(index))?;
+        check_pinhole(maps.view(index))?;
         let odd = |&&source: &&usize| source >= maps.count() || source == index;
         if let Some(source) = maps.sources(index).iter().find(odd) {
             let problem = format!(
@@ -234,16 +235,20 @@ pub(super) fn check_size(view: &View, found: (u32, u32), map: &str) -> Result<()
 
 /// Checks that the places of a bordered map fit into 32 bits, in which the loop counts them.
 fn check_places(view: &View) -> Result<()> {
-    if view.camera.distortion() != Distortion::None {
-        let problem =
-            "expected a pinhole camera, found a lens: undistort depth map and image first";
-        return Err(Error::invalid(name(view), problem));
-    }
     let (width, height) = (view.camera.width(), view.camera.height());
     if (u64::from(width) + 4) * (u64::from(height) + 2) < 1 << 32 {
         return Ok(());
     }
     let problem = format!("expected fewer than 2^32 pixels, found {width}x{height}");
+    Err(Error::invalid(name(view), problem))
+}
+
+/// Checks that no lens bends a view's rays, which no mode takes into account everywhere.
+fn check_pinhole(view: &View) -> Result<()> {
+    if view.camera.distortion() == Distortion::None {
+        return Ok(());
+    }
+    let problem = "expected a pinhole camera, found a lens: undistort depth map and image first";
     Err(Error::invalid(name(view), problem))
 }
 

@@ -40,7 +40,7 @@ pub(super) struct Sightings {
 
 impl Sightings {
     pub(super) const NONE: Self = Self {
-        x: [0.0; EIGHT],
+        x: [-1.0; EIGHT],
         y: [0.0; EIGHT],
         depth: [0.0; EIGHT],
     };
@@ -155,8 +155,8 @@ mod tests {
                 match pixel.filter(on_image) {
                     None => assert_eq!(seen.x[i], -1.0),
                     Some(pixel) => {
-                        assert_eq!([seen.x[i], seen.y[i]], pixel.to_array());
-                        assert_eq!(seen.depth[i], in_cam.z);
+                        let found = [seen.x[i], seen.y[i], seen.depth[i]].map(f64::to_bits);
+                        assert_eq!(found, [pixel.x, pixel.y, in_cam.z].map(f64::to_bits));
                         inside += 1;
                     }
                 }

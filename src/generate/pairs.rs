@@ -66,8 +66,9 @@ impl PairOptions {
     }
 }
 
-/// References whose surface points are looked at together: their points take some 10 MB.
-const TOGETHER: usize = 64;
+/// References whose surface points are looked at together, if each has no more of them than by default: what is
+/// worked out about them takes some 15 MB on each thread.
+const TOGETHER: usize = 32;
 
 /// What each view sees of what the others see. Square tables, row = reference view.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,11 +102,14 @@ impl Covisibility {
     ) -> Result<Self> {
         options.check()?;
         let count = views.len();
-        let looks = count * count.div_ceil(TOGETHER);
+        let default = PairOptions::default().points;
+        let fewer = u64::from(default) * TOGETHER as u64 / u64::from(options.points);
+        let together = (fewer as usize).clamp(1, TOGETHER);
+        let looks = count * count.div_ceil(together);
         progress.begin("finding source views", looks as u64);
         let (mut scores, mut shared) = (vec![0.0; count * count], vec![0.0; count * count]);
-        for first in (0..count).step_by(TOGETHER) {
-            let references = &views[first..count.min(first + TOGETHER)];
+        for first in (0..count).step_by(together) {
+            let references = &views[first..count.min(first + together)];
             let surfaces = parallel::try_map(references.len(), |at| {
                 progress.check()?;
                 let look = (options, back_faces);

@@ -7,6 +7,7 @@ mod output;
 pub mod sweep;
 mod workspace;
 
+use super::out::check_no_input;
 use super::out::remove_if_there;
 use super::{Context, check_out_file, run_file_beside};
 use crate::config::Size;
@@ -137,6 +138,12 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let visible = visible_path(&job.out);
     check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
     let maps = FolderMaps::open(job, context)?;
+    check_no_input(
+        &[&job.out, &report, &run_file, &visible],
+        maps.files(!run_file.exists())
+            .into_iter()
+            .chain(job.crop.as_deref()),
+    )?;
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
     let region: Option<&Region<'_>> = if prism.is_some() { Some(&inside) } else { None };
@@ -231,16 +238,17 @@ fn write_cloud(
             maps,
         };
         // The cloud comes last: without it there is no result.
-        let fused = fuse_into(job, inputs, &mut outputs).and_then(|fused| {
-            let filtered = outputs.depths.take();
-            filtered.map_or(Ok(()), output::DepthFolder::finish)?;
-            Ok(fused)
+        let fused = fuse_into(job, inputs, &mut outputs).and_then(|(counts, merged)| {
+            // All is written before anything of an earlier result goes.
+            let points = outputs.complete()?;
+            // It comes back last: without it the result is not whole.
+            remove_if_there(&run_file_beside(&job.out))?;
+            outputs.appear()?;
+            Ok((points, counts, merged))
         });
         match fused {
-            Ok((counts, merged)) => {
-                // It comes back last: without it the result is not whole.
-                remove_if_there(&run_file_beside(&job.out)).map_err(std::io::Error::other)?;
-                outcome = Some((outputs.finish()?, counts, merged));
+            Ok(fused) => {
+                outcome = Some(fused);
                 Ok(())
             }
             Err(error) => {

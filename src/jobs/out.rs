@@ -213,6 +213,30 @@ fn check_not_read(path: &Path, run: &Run) -> Result<()> {
     }
 }
 
+/// No file that is read is replaced by a result.
+pub(super) fn check_no_input<'p>(
+    results: &[&Path],
+    mut inputs: impl Iterator<Item = &'p Path>,
+) -> Result<()> {
+    let folder = |path: &Path| match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.canonicalize().ok(),
+        _ => Path::new(".").canonicalize().ok(),
+    };
+    let is_one = |input: &&Path| {
+        let mut named = results
+            .iter()
+            .filter(|result| result.file_name() == input.file_name());
+        named.any(|result| folder(result).is_some_and(|result| folder(input) == Some(result)))
+    };
+    match inputs.find(is_one) {
+        Some(input) => {
+            let problem = "expected another name for the result than that of a file that is read, found an input";
+            Err(Error::invalid(input.display().to_string(), problem))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Removes a file, if it is there.
 pub(super) fn remove_if_there(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
@@ -232,6 +256,10 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
             path.display().to_string(),
             "expected a file, found a folder",
         ));
+    }
+    if path.exists() && !path.is_file() {
+        let problem = "expected a regular file to replace, found a device or a pipe";
+        return Err(Error::invalid(path.display().to_string(), problem));
     }
     if path.exists() && !force {
         return Err(Error::exists(path));

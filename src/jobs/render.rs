@@ -87,6 +87,9 @@ pub struct RenderedView {
     pub without_ray: usize,
 }
 
+/// Views that one warning names.
+const NAMED: usize = 20;
+
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let mesh: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
@@ -128,24 +131,39 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
         Ok(rendered)
     })?;
     warn_of_backs(&views, context);
-    for view in views.iter().filter(|view| view.depth_min.is_none()) {
-        let message = format!(
-            "view {} sees nothing of the mesh: its images are empty",
-            view.id
-        );
-        context.warnings.add("empty-view", message);
-    }
     if views.iter().all(|view| view.depth_min.is_none()) {
         let problem = "expected views that see the mesh, found none that does; check that mesh and \
                        cameras share a frame, that poses are world-to-camera, and that faces are not wound \
              the other way (--back-faces valid)";
         return Err(Error::invalid(job.cameras.display().to_string(), problem));
     }
+    warn_of_empty(&views, context);
     out.finish()?;
     Ok(RenderOutcome {
         triangles: loaded.mesh.triangles().len(),
         views,
     })
+}
+
+/// Names the views that see nothing, the first of them.
+fn warn_of_empty(views: &[RenderedView], context: &Context<'_>) {
+    let empty = views.iter().filter(|view| view.depth_min.is_none());
+    let empty: Vec<String> = empty.map(|view| view.id.to_string()).collect();
+    if empty.is_empty() {
+        return;
+    }
+    let message = format!(
+        "{} of {} views see nothing of the mesh and have empty images: {}{}",
+        empty.len(),
+        views.len(),
+        empty[..empty.len().min(NAMED)].join(", "),
+        if empty.len() > NAMED {
+            " and others"
+        } else {
+            ""
+        }
+    );
+    context.warnings.add("empty-view", message);
 }
 
 /// Says so when triangles are mostly seen from behind.

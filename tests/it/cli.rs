@@ -585,3 +585,68 @@ fn photographs_of_another_shape_are_cut_not_squashed_and_masked_images_are_dark(
     let force = [&arguments[..], &["--force"]].concat();
     assert_refused(&force, &["a.jpg and", "a.png", "remove one"]);
 }
+
+#[test]
+fn views_that_see_nothing_are_named_in_one_warning() {
+    let folder = small_scene();
+    // One camera that looks the right way, 25 that look away.
+    let away = CAM.replacen(
+        "1 0 0 0\n0 1 0 0\n0 0 1 0",
+        "-1 0 0 0\n0 1 0 0\n0 0 -1 0",
+        1,
+    );
+    for view in 1..=25 {
+        write(
+            &folder.path().join(format!("cams/{view:08}_cam.txt")),
+            &away,
+        );
+    }
+    let [mesh, cams, out] = ["mesh.obj", "cams", "out"].map(|name| folder.path().join(name));
+    let (mesh, cams, out) = (text(&mesh), text(&cams), text(&out));
+    let output = mvs_eval(&[
+        "render",
+        "--mesh",
+        mesh,
+        "--cameras",
+        cams,
+        "--out",
+        out,
+        "--size",
+        "40x30",
+    ]);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let warnings: Vec<&str> = said
+        .lines()
+        .filter(|line| line.starts_with("warning [empty-view]"))
+        .collect();
+    assert_eq!(warnings.len(), 1, "{said}");
+    assert!(
+        warnings[0].contains("25 of 26 views see nothing of the mesh")
+            && warnings[0].ends_with(
+                ": 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20 and others"
+            ),
+        "{}",
+        warnings[0]
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn a_path_that_is_no_utf_8_is_named() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_mvs-eval"))
+        .args([
+            OsStr::new("inspect"),
+            OsStr::from_bytes(b"scene\xff/mesh.obj"),
+        ])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.starts_with("error: scene\u{fffd}/mesh.obj: expected arguments in UTF-8"),
+        "{said}"
+    );
+}

@@ -49,14 +49,25 @@ impl VisibleWriter {
             .map_err(Error::io(&self.path, "write"))
     }
 
-    /// Fills in the count and gives the file its name.
-    pub fn finish(mut self) -> std::io::Result<()> {
-        self.out.seek(SeekFrom::Start(0))?;
-        self.out.write_all(&self.count.to_le_bytes())?;
-        self.out.finish()?;
-        self.temporary
-            .persist(&self.path)
-            .map_err(|refused| refused.error)
+    /// Fills in the count and writes what is left, still under another name.
+    pub fn complete(&mut self) -> Result<()> {
+        let count = self.count.to_le_bytes();
+        let out = &mut self.out;
+        let filled = out
+            .seek(SeekFrom::Start(0))
+            .and_then(|_| out.write_all(&count));
+        let whole = filled.and_then(|()| out.seek(SeekFrom::End(0)));
+        whole
+            .and_then(|_| out.flush())
+            .map_err(Error::io(&self.path, "write"))
+    }
+
+    /// Completes the file and gives it its name.
+    pub fn finish(mut self) -> Result<()> {
+        self.complete()?;
+        self.out.finish().map_err(Error::io(&self.path, "write"))?;
+        let named = self.temporary.persist(&self.path);
+        named.map_err(|refused| Error::io(&self.path, "write")(refused.error))
     }
 }
 

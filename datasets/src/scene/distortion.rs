@@ -65,7 +65,8 @@ impl Distortion {
         }
     }
 
-    /// The inverse of [`Distortion::distort`] inside the field, iterated until it fits to 1e-12.
+    /// The inverse of [`Distortion::distort`] inside the field, iterated until it fits to 1e-12 where there is no
+    /// closed form.
     /// `None` for what no ray inside the field is bent to.
     pub fn undistort(&self, seen: DVec2) -> Option<DVec2> {
         if *self == Self::None {

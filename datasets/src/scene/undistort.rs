@@ -19,6 +19,9 @@ const SIDE: usize = 16;
 /// Steps of Newton's method; a mild lens takes three to six.
 const MOST_STEPS: usize = 20;
 
+/// The widest angle at which a search begins.
+const WIDEST_START: f64 = 1.5;
+
 /// How far the image of the result may lie from the point, per unit of its distance from the axis.
 const FITS: f64 = 1e-12;
 
@@ -30,7 +33,8 @@ impl Distortion {
             Self::FieldOfView { omega } => return unfold(*omega, seen, field_radius),
             _ => Bend::of(self),
         };
-        let (found, [fits]) = lens.solve([[seen.x], [seen.y]], [[seen.x], [seen.y]]);
+        let start = self.start(seen);
+        let (found, [fits]) = lens.solve([[start.x], [start.y]], [[seen.x], [seen.y]]);
         let near = DVec2::new(found[0][0], found[1][0]);
         let near = self.confirmed(near, field_radius).filter(|_| fits);
         near.or_else(|| self.search(&lens, seen, field_radius))
@@ -52,6 +56,19 @@ impl Distortion {
                 points,
             }),
         }
+    }
+
+    /// Where Newton's method starts: a fisheye shows nothing farther from the axis than 90°, and its formula may
+    /// turn back soon after.
+    #[inline(always)]
+    fn start(&self, seen: DVec2) -> DVec2 {
+        let most = match self {
+            Self::Fisheye { .. } | Self::ThinPrismFisheye { .. } => WIDEST_START,
+            _ => f64::INFINITY,
+        };
+        let angle = length(seen.x, seen.y);
+        let shorter = seen * (most / angle);
+        if angle > most { shorter } else { seen }
     }
 
     /// The point at z-depth 1 for one of the plane on which the lens is a polynomial, if it is inside the field.
@@ -291,7 +308,12 @@ impl WithSimd for SideBySide<'_> {
             for (i, point) in points.iter().enumerate() {
                 (seen[0][i], seen[1][i]) = (point.x, point.y);
             }
-            let ([x, y], fits) = self.bend.solve(seen, seen);
+            let mut start = seen;
+            for i in 0..SIDE {
+                let at = self.lens.start(DVec2::new(seen[0][i], seen[1][i]));
+                (start[0][i], start[1][i]) = (at.x, at.y);
+            }
+            let ([x, y], fits) = self.bend.solve(start, seen);
             for (i, point) in points.iter_mut().enumerate() {
                 let near = DVec2::new(x[i], y[i]);
                 let near = self.lens.confirmed(near, self.field_radius);
@@ -313,10 +335,62 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Lenses that bend more than any that is sold.
+    fn strong() -> Vec<Distortion> {
+        let lens = |radial, tangential| Distortion::RadialTangential { radial, tangential };
+        let prism = |radial, tangential, prism| Distortion::ThinPrismFisheye {
+            radial,
+            tangential,
+            prism,
+        };
+        vec![
+            lens([-0.5, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]),
+            lens([2.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.01, 0.02]),
+            lens([0.1, 0.0, 0.0, -0.4, 0.0, 0.0], [0.0; 2]),
+            Distortion::Fisheye {
+                radial: [-0.1, 0.02, 0.0, 0.0],
+            },
+            prism(
+                [-0.011, -0.0015, -0.0005, -0.0003],
+                [-0.058, 0.126],
+                [0.035, 0.023],
+            ),
+            prism([-0.03, 0.02, 0.03, -0.05], [-0.004, 0.0003], [0.05, -0.03]),
+            Distortion::FieldOfView { omega: 2.5 },
+        ]
+    }
+
+    #[test]
+    fn strong_lenses_give_back_what_they_bend() {
+        let mut wide = 0;
+        for lens in strong() {
+            let edge = lens.field_radius();
+            for step in 0..4000 {
+                let angle = 0.618 * f64::from(step);
+                // To a hundredth of the field's edge, or to 83 degrees.
+                let radius = f64::from(step) / 4000.0 * (0.99 * edge).min(8.0);
+                let ideal = radius * DVec2::from_angle(angle);
+                // Beyond where a point, moved outwards, is seen farther in, there may be two.
+                let (inner, outer) = (lens.distort(0.999 * ideal), lens.distort(1.001 * ideal));
+                if (outer - inner).dot(ideal) < 1e-4 * ideal.length_squared() {
+                    continue;
+                }
+                let found = lens.undistort_within(lens.distort(ideal), edge);
+                let found = found.unwrap_or(DVec2::NAN);
+                assert!(
+                    (found - ideal).length() < 1e-7 * (1.0 + radius * radius),
+                    "{lens:?} {ideal} {found}"
+                );
+                wide += usize::from(radius > 2.0);
+            }
+        }
+        assert!(wide > 4000, "{wide}");
+    }
+
     #[test]
     fn many_side_by_side_have_the_bits_of_one_alone() {
         let (mut rays, mut none) = (0, 0);
-        for lens in lenses() {
+        for lens in lenses().into_iter().chain(strong()) {
             let edge = lens.field_radius();
             for row in 0..90 {
                 // Beyond the field, too, and not a multiple of what is worked out together.
@@ -328,7 +402,8 @@ mod tests {
                 for (column, point) in points.iter().enumerate() {
                     match lens.undistort_within(seen(column), edge) {
                         Some(alone) => {
-                            assert_eq!(*point, alone, "{lens:?}");
+                            let bits = |point: DVec2| point.to_array().map(f64::to_bits);
+                            assert_eq!(bits(*point), bits(alone), "{lens:?}");
                             let error = (lens.distort(alone) - seen(column)).length();
                             assert!(error <= 1e-11, "{lens:?} {alone} {error}");
                             rays += 1;

@@ -89,14 +89,28 @@ impl<'a> FolderMaps<'a> {
 
     /// Hashes the inputs that are not maps and images of the views, which are hashed as they are read.
     pub(super) fn hash_others(&self) -> Result<()> {
-        let mut later = BTreeSet::new();
+        self.inputs.hash_others(&self.of_views())
+    }
+
+    /// The views' maps and images.
+    fn of_views(&self) -> BTreeSet<&Path> {
+        let mut files = BTreeSet::new();
         for entry in &self.entries {
             let maybe = [&entry.normals, &entry.mask, &entry.image];
-            later.extend(maybe.into_iter().filter_map(|path| path.as_deref()));
-            later.extend(entry.confidence.iter().map(PathBuf::as_path));
-            later.insert(&entry.depth);
+            files.extend(maybe.into_iter().filter_map(|path| path.as_deref()));
+            files.extend(entry.confidence.iter().map(PathBuf::as_path));
+            files.insert(entry.depth.as_path());
         }
-        self.inputs.hash_others(&later)
+        files
+    }
+
+    /// The files that are read; with `others`, all that lie among the inputs: an earlier result may, too.
+    pub(super) fn files(&self, others: bool) -> Vec<&Path> {
+        let mut files: Vec<&Path> = self.of_views().into_iter().collect();
+        if others {
+            files.extend(self.inputs.files());
+        }
+        files
     }
 
     /// Pixels of all depth maps.

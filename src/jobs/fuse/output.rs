@@ -22,12 +22,23 @@ pub(super) struct Outputs<'a, W> {
 }
 
 impl<W: Write + Seek> Outputs<'_, W> {
-    /// Completes all of them; the number of points.
-    pub(super) fn finish(self) -> std::io::Result<u64> {
-        if let Visible::Writer(writer) = self.visible {
-            writer.finish()?;
+    /// Writes what is left of them, of which nothing is to be seen yet; the number of points.
+    pub(super) fn complete(&mut self) -> Result<u64> {
+        if let Visible::Writer(writer) = &mut self.visible {
+            writer.complete()?;
         }
-        self.ply.finish()
+        self.ply.complete()
+    }
+
+    /// Gives all but the cloud their names.
+    pub(super) fn appear(self) -> Result<()> {
+        if let Some(depths) = self.depths {
+            depths.finish()?;
+        }
+        match self.visible {
+            Visible::Writer(writer) => Ok(writer.finish()?),
+            Visible::None => Ok(()),
+        }
     }
 }
 
@@ -230,8 +241,10 @@ impl<W: Write + Seek> PlySink<W> {
         self.writer.count()
     }
 
-    pub(super) fn finish(self) -> std::io::Result<u64> {
-        self.writer.finish()
+    /// Writes the number of points, and what is left.
+    fn complete(&mut self) -> Result<u64> {
+        let written = self.writer.complete();
+        Ok(written.map_err(mvs_datasets::Error::io(&self.path, "write"))?)
     }
 
     /// Puts the points in `range` into `rows`, one after the other.

@@ -65,7 +65,7 @@ fn write_errors(out: &OutDir, name: &str, side: &Side, tolerance: Tolerance) -> 
             }
         }
         writer.write(&rows)?;
-        writer.finish().map(|_| ())
+        writer.complete().map(|_| ())
     })
 }
 

@@ -1,7 +1,7 @@
 //! Where the job reads and writes: sizes, repeats, what is missing, what is kept.
 
 use super::*;
-use crate::support::write;
+use crate::support::{text, write};
 
 /// What the job warns of, by code.
 fn codes(job: &FuseJob) -> (mvs_eval::Result<FuseOutcome>, Vec<String>) {
@@ -387,4 +387,55 @@ fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
     // With room for no map all of them are read again, with the same result.
     job.fuse.memory = Some(0);
     assert_eq!(rows(&job).unwrap(), in_memory);
+}
+
+#[test]
+fn no_result_takes_the_place_of_an_input_or_of_what_is_no_file() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let refused = |job: &FuseJob, parts: &[&str]| {
+        let error = fuse(job, true).unwrap_err().to_string();
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    };
+    let map = std::fs::read_dir(&job.depths)
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    let cam = std::fs::read_dir(job.scene.join("cams"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    for input in [&map, &cam] {
+        let before = std::fs::read(input).unwrap();
+        job.out.clone_from(input);
+        refused(&job, &[text(input), "found an input"]);
+        assert_eq!(std::fs::read(input).unwrap(), before);
+    }
+    // A crop beside the cloud has the name that the report would have.
+    let crop = folder.path().join("barn.json");
+    let corners =
+        r#""class_name":"SelectionPolygonVolume","orthogonal_axis":"Z","axis_min":-9,"axis_max":9"#;
+    let polygon = "[[-9,-9,0],[9,-9,0],[9,9,0],[-9,9,0]]";
+    let content = format!(
+        r#"{{{corners},"bounding_polygon":{polygon},"version_major":1,"version_minor":0}}"#
+    );
+    write(&crop, &content);
+    job.crop = Some(crop.clone());
+    job.out = folder.path().join("barn.ply");
+    refused(&job, &["barn.json", "found an input"]);
+    assert_eq!(std::fs::read_to_string(&crop).unwrap(), content);
+    job.out = folder.path().join("cloud.ply");
+    fuse(&job, true).unwrap();
+    #[cfg(unix)]
+    {
+        let socket = folder.path().join("socket.ply");
+        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        job.out = socket;
+        refused(&job, &["socket.ply", "expected a regular file"]);
+    }
 }

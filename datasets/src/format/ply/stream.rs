@@ -88,8 +88,8 @@ impl<W: Write + Seek> StreamWriter<W> {
         self.count
     }
 
-    /// Fills in the count.
-    pub fn finish(mut self) -> Result<u64> {
+    /// Fills in the count and writes what is left.
+    pub fn complete(&mut self) -> Result<u64> {
         self.out.seek(SeekFrom::Start(self.count_at))?;
         self.out.write_all(count_lines(self.count).as_bytes())?;
         self.out.seek(SeekFrom::End(0))?;
@@ -132,7 +132,7 @@ mod tests {
             writer.write(&row(x as f32)).unwrap();
         }
         assert!(writer.write(&[0; 15]).is_err());
-        assert_eq!(writer.finish().unwrap(), 12);
+        assert_eq!(writer.complete().unwrap(), 12);
         let cloud = super::super::read_cloud(&bytes).unwrap();
         assert_eq!(cloud.len(), 12);
         assert_eq!(cloud.positions()[11], DVec3::new(11.0, 2.0, 3.0));
