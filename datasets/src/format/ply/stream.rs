@@ -36,7 +36,7 @@ impl Scalar {
 }
 
 /// Writes little-endian rows as they come. The header's count is filled in by
-/// [`StreamWriter::finish`]; until then it says 0.
+/// [`StreamWriter::complete`]; until then it says 0.
 #[derive(Debug)]
 pub struct StreamWriter<W> {
     out: W,
