@@ -6,11 +6,6 @@ use std::io::{Result, Seek, SeekFrom, Write};
 /// Bytes of a block.
 const BLOCK: usize = 1 << 18;
 
-/// Room on the disk is asked for ahead from this length on, as much as there is already, ...
-const FIRST: u64 = 1 << 22;
-/// ... and at most so much.
-const MOST: u64 = 1 << 26;
-
 /// A new file that is written in blocks, each of which begins at a multiple of its length: systems that keep
 /// what is written in pieces of many pages take those in a quarter less time than rows as they come, and map
 /// them in half the time when the file is read.
@@ -20,8 +15,6 @@ pub struct BlockWriter {
     /// Where in the file the bytes that wait belong.
     at: u64,
     waiting: Vec<u8>,
-    /// To where in the file there is room on the disk that was asked for; none where that is not to be had.
-    room: Option<u64>,
 }
 
 impl BlockWriter {
@@ -30,40 +23,15 @@ impl BlockWriter {
             file,
             at: 0,
             waiting: Vec::new(),
-            room: Some(0),
         }
-    }
-
-    /// Writes all that waits, and gives back the room on the disk that is not used.
-    pub(super) fn finish(mut self) -> Result<()> {
-        self.flush()?;
-        if self.room.is_some_and(|room| room > 0) {
-            let length = self.file.metadata()?.len();
-            // What has the length already is left alone by some systems.
-            self.file.set_len(length + 1)?;
-            self.file.set_len(length)?;
-        }
-        Ok(())
     }
 
     /// Writes the bytes that wait.
     fn hand_on(&mut self) -> Result<()> {
-        self.ask_for_room(self.waiting.len());
         self.file.write_all(&self.waiting)?;
         self.at += self.waiting.len() as u64;
         self.waiting.clear();
         Ok(())
-    }
-
-    /// Asks for room on the disk for large files, which is found at once instead of block by block: a quarter of
-    /// the time that writing takes. Where there is none, writing tells.
-    fn ask_for_room(&mut self, coming: usize) {
-        let end = self.at + coming as u64;
-        let Some(room) = self.room.filter(|&room| end >= FIRST && end > room) else {
-            return;
-        };
-        let more = end.clamp(FIRST, MOST);
-        self.room = reserve(&self.file, end, more).then_some(room.max(end + more));
     }
 
     /// Bytes to the end of the block in which the next one lies.
@@ -73,23 +41,11 @@ impl BlockWriter {
     }
 }
 
-/// Reserves room from a place in a file on, whose length stays; whether that was done.
-#[cfg(target_os = "linux")]
-fn reserve(file: &File, from: u64, length: u64) -> bool {
-    rustix::fs::fallocate(file, rustix::fs::FallocateFlags::KEEP_SIZE, from, length).is_ok()
-}
-
-#[cfg(not(target_os = "linux"))]
-fn reserve(_: &File, _: u64, _: u64) -> bool {
-    false
-}
-
 impl Write for BlockWriter {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
         let free = self.free();
         if self.waiting.is_empty() && free == BLOCK && bytes.len() >= BLOCK {
             let whole = &bytes[..bytes.len() / BLOCK * BLOCK];
-            self.ask_for_room(whole.len());
             self.file.write_all(whole)?;
             self.at += whole.len() as u64;
             return Ok(whole.len());
@@ -146,34 +102,6 @@ mod tests {
         assert_eq!(length(), 6 * BLOCK, "up to the next multiple");
     }
 
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn room_is_asked_for_ahead_and_given_back() {
-        use std::os::unix::fs::MetadataExt;
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let path = file.path();
-        let mut out = BlockWriter::new(file.reopen().unwrap());
-        let room = || path.metadata().unwrap().blocks() * 512;
-        out.write_all(&vec![1; FIRST as usize - BLOCK]).unwrap();
-        assert_eq!(out.room, Some(0), "small files ask for none");
-        out.write_all(&vec![2; 9_000_000]).unwrap();
-        out.write_all(b"the end").unwrap();
-        let Some(asked) = out.room else {
-            return; // not on this file system
-        };
-        assert!(asked >= 9_000_000 + FIRST - BLOCK as u64, "{asked}");
-        assert!(asked <= 3 * (9_000_000 + FIRST), "{asked}");
-        let before = room();
-        out.seek(SeekFrom::Start(3)).unwrap();
-        out.write_all(b"the count").unwrap();
-        out.finish().unwrap();
-        let found = std::fs::read(path).unwrap();
-        assert_eq!(found.len(), FIRST as usize - BLOCK + 9_000_000 + 7);
-        assert!(found.ends_with(b"the end") && found[3..].starts_with(b"the count"));
-        assert!(room() <= before, "{} {before}", room());
-        assert!(room() < found.len() as u64 + (1 << 20), "{}", room());
-    }
-
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(32))]
         #[test]
@@ -201,7 +129,7 @@ mod tests {
                 expected.write_all(&bytes).unwrap();
                 prop_assert_eq!(found.stream_position().unwrap(), expected.stream_position().unwrap());
             }
-            found.finish().unwrap();
+            found.flush().unwrap();
             prop_assert!(std::fs::read(path).unwrap() == expected.into_inner());
         }
     }

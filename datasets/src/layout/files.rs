@@ -7,6 +7,7 @@ use crate::mapped::MappedFile;
 use crate::scene::{
     ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
+use std::io::Write;
 use std::path::Path;
 
 /// What the names of temporary files begin with; what an ended process leaves of them may go.
@@ -36,7 +37,7 @@ pub fn write_by_way_of(
     let (file, temporary_path) = temporary.into_parts();
     let mut out = BlockWriter::new(file);
     write(&mut out)
-        .and_then(|()| out.finish())
+        .and_then(|()| out.flush())
         .map_err(Error::io(path, "write"))?;
     temporary_path
         .persist(path)

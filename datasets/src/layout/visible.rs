@@ -65,7 +65,7 @@ impl VisibleWriter {
     /// Completes the file and gives it its name.
     pub fn finish(mut self) -> Result<()> {
         self.complete()?;
-        self.out.finish().map_err(Error::io(&self.path, "write"))?;
+        drop(self.out);
         let named = self.temporary.persist(&self.path);
         named.map_err(|refused| Error::io(&self.path, "write")(refused.error))
     }
