@@ -15,7 +15,7 @@
 )]
 
 use super::geometry::PairGeometry;
-use super::near::{Near, Relative};
+use super::near::{Near, Relative, WIDEST};
 #[cfg(test)]
 use super::samples::Grid;
 use super::samples::Samples;
@@ -192,7 +192,8 @@ impl Pair {
         seen: &mut Seen,
         to: &mut Footprint,
     ) {
-        match Relative::new(&self.columns, near) {
+        let small = source.width().max(source.height()) <= WIDEST;
+        match Relative::new(&self.columns, near).filter(|_| small) {
             Some(relative) => relative.project::<KEPT>(near, source, seen, to),
             None => self.project_widely::<KEPT>(block, source, seen, to),
         }

@@ -96,7 +96,8 @@ fn ends(values: &[f32; BLOCK]) -> (f32, f32) {
 /// small where the pixel is near, so f32 does: with e = 2^-24, the block's own extent S ([`SPREAD`]) and the
 /// anchor's depth z0 in the source, numerators are right to 5e of their terms, depths z to 6e of theirs, and
 /// positions to about `6e · (S + |x' − x|) · (1 + z0 / z)`: 1e-5 px next to the anchor, 1e-3 px for what lies
-/// a thousand pixels from it because its depth is quite another.
+/// a thousand pixels from it because its depth is quite another. Between two pixels of very different depth, what
+/// is sampled moves by that part of their difference.
 pub(super) struct Relative {
     /// Pixels times depth by [`Near::du`], [`Near::dv`] and [`Near::dd`], to the right and below; then depth.
     x: [f32; 3],
@@ -114,7 +115,11 @@ const SPREAD: f64 = 256.0;
 /// Part of the anchor's depth in a source that all depths have to have.
 const SHALLOW: f64 = 0.125;
 /// Pixels up to which positions of the anchor are taken.
-const BEYOND: f64 = 1e6;
+const BEYOND: f64 = 1e4;
+
+/// Columns and rows of the largest map in which pixels are found relative to an anchor: what lies on the other
+/// side of it from an anchor beyond is still less than 2^22 away, see [`WHOLE`].
+pub(super) const WIDEST: usize = 1 << 21;
 
 impl Relative {
     /// A block in the source of a pair with these columns of the rotation and translation; `None` where f32 may

@@ -1,6 +1,7 @@
 //! Points as rows of bytes, as a binary file has them.
 
-use super::points::Columns;
+use super::points::{Columns, Points};
+use std::ops::Range;
 
 /// Bytes of a row of these columns.
 pub(super) const fn row_bytes(columns: Columns) -> usize {
@@ -73,33 +74,122 @@ fn put<const COLUMNS: u8>(points: &Described<'_>, to: &mut [u8]) {
     let columns = const { Columns::of_row_bits(COLUMNS) };
     let count = points.view_counts.len();
     let some = |wanted: Columns| if columns.has(wanted) { count } else { 0 };
-    let [x, y, z] = points.positions.map(|axis| &axis[..count]);
-    let normals = points.normals.map(|axis| &axis[..some(Columns::NORMALS)]);
-    let colors = &points.colors[..some(Columns::COLORS)];
-    let confidences = &points.confidences[..some(Columns::CONFIDENCES)];
-    let violations = &points.violations[..some(Columns::EXTRAS)];
-    let scales = &points.scales[..some(Columns::EXTRAS)];
-    let rows = to.chunks_exact_mut(const { row_bytes(Columns::of_row_bits(COLUMNS)) });
-    for (i, mut row) in rows.take(count).enumerate() {
+    // Their lengths are known here, so no place is checked one by one.
+    let points = Described {
+        positions: points.positions.map(|axis| &axis[..count]),
+        normals: points.normals.map(|axis| &axis[..some(Columns::NORMALS)]),
+        colors: &points.colors[..some(Columns::COLORS)],
+        view_counts: &points.view_counts[..count],
+        confidences: &points.confidences[..some(Columns::CONFIDENCES)],
+        violations: &points.violations[..some(Columns::EXTRAS)],
+        scales: &points.scales[..some(Columns::EXTRAS)],
+    };
+    put_rows(columns, &points, 0..count, to);
+}
+
+/// Points one by one.
+trait Entries {
+    fn position(&self, i: usize) -> [f64; 3];
+    fn normal(&self, i: usize) -> [f32; 3];
+    fn color(&self, i: usize) -> [u8; 3];
+    fn view_count(&self, i: usize) -> u32;
+    fn confidence(&self, i: usize) -> f32;
+    /// Violations and scale.
+    fn extras(&self, i: usize) -> (u32, f32);
+}
+
+impl Entries for Described<'_> {
+    #[inline(always)]
+    fn position(&self, i: usize) -> [f64; 3] {
+        self.positions.map(|axis| axis[i])
+    }
+
+    #[inline(always)]
+    fn normal(&self, i: usize) -> [f32; 3] {
+        self.normals.map(|axis| axis[i])
+    }
+
+    #[inline(always)]
+    fn color(&self, i: usize) -> [u8; 3] {
+        self.colors[i]
+    }
+
+    #[inline(always)]
+    fn view_count(&self, i: usize) -> u32 {
+        self.view_counts[i]
+    }
+
+    #[inline(always)]
+    fn confidence(&self, i: usize) -> f32 {
+        self.confidences[i]
+    }
+
+    #[inline(always)]
+    fn extras(&self, i: usize) -> (u32, f32) {
+        (self.violations[i], self.scales[i])
+    }
+}
+
+impl Entries for Points {
+    fn position(&self, i: usize) -> [f64; 3] {
+        self.positions[i].to_array()
+    }
+
+    fn normal(&self, i: usize) -> [f32; 3] {
+        self.normals[i].to_array()
+    }
+
+    fn color(&self, i: usize) -> [u8; 3] {
+        self.colors[i]
+    }
+
+    fn view_count(&self, i: usize) -> u32 {
+        self.view_counts[i]
+    }
+
+    fn confidence(&self, i: usize) -> f32 {
+        self.confidences[i]
+    }
+
+    fn extras(&self, i: usize) -> (u32, f32) {
+        (self.violations[i], self.scales[i])
+    }
+}
+
+impl Points {
+    /// Puts rows of these columns of some points in the place of `rows`, as [`PointSink::take_rows`] has them.
+    ///
+    /// [`PointSink::take_rows`]: super::PointSink::take_rows
+    pub fn to_rows(&self, columns: Columns, some: Range<usize>, rows: &mut Vec<u8>) {
+        rows.resize(some.len() * row_bytes(columns), 0);
+        put_rows(columns, self, some, rows);
+    }
+}
+
+/// Puts some points into rows of bytes.
+#[inline(always)]
+fn put_rows(columns: Columns, points: &impl Entries, some: Range<usize>, to: &mut [u8]) {
+    for (i, mut row) in some.zip(to.chunks_exact_mut(row_bytes(columns))) {
         let row = &mut row;
-        for value in [x[i], y[i], z[i]] {
+        for value in points.position(i) {
             field(row, value.to_le_bytes());
         }
         if columns.has(Columns::NORMALS) {
-            for axis in normals {
-                field(row, axis[i].to_le_bytes());
+            for value in points.normal(i) {
+                field(row, value.to_le_bytes());
             }
         }
         if columns.has(Columns::COLORS) {
-            field(row, colors[i]);
+            field(row, points.color(i));
         }
-        field(row, points.view_counts[i].to_le_bytes());
+        field(row, points.view_count(i).to_le_bytes());
         if columns.has(Columns::CONFIDENCES) {
-            field(row, confidences[i].to_le_bytes());
+            field(row, points.confidence(i).to_le_bytes());
         }
         if columns.has(Columns::EXTRAS) {
-            field(row, violations[i].to_le_bytes());
-            field(row, scales[i].to_le_bytes());
+            let (violations, scale) = points.extras(i);
+            field(row, violations.to_le_bytes());
+            field(row, scale.to_le_bytes());
         }
     }
 }
@@ -116,6 +206,7 @@ fn field<const N: usize>(row: &mut &mut [u8], bytes: [u8; N]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fuse::testing::as_bytes;
 
     #[test]
     fn every_choice_of_columns_has_its_rows() {
@@ -133,25 +224,16 @@ mod tests {
         let mut rows = RowBytes::default();
         for bits in 0..16 {
             let columns = Columns::of_row_bits(bits);
-            let mut expected = Vec::new();
-            for i in 0..3 {
-                expected.extend(axes.iter().flat_map(|axis| axis[i].to_le_bytes()));
-                if columns.has(Columns::NORMALS) {
-                    expected.extend(normals.iter().flat_map(|axis| axis[i].to_le_bytes()));
-                }
-                if columns.has(Columns::COLORS) {
-                    expected.extend(points.colors[i]);
-                }
-                expected.extend(points.view_counts[i].to_le_bytes());
-                if columns.has(Columns::CONFIDENCES) {
-                    expected.extend(points.confidences[i].to_le_bytes());
-                }
-                if columns.has(Columns::EXTRAS) {
-                    expected.extend(points.violations[i].to_le_bytes());
-                    expected.extend(points.scales[i].to_le_bytes());
-                }
-            }
+            let mut columnwise = Points::default();
+            columnwise.add(columns, &points);
+            let expected = as_bytes(&columnwise, columns);
             assert_eq!(expected.len(), 3 * row_bytes(columns));
+            let mut of_columns = vec![7; 5];
+            columnwise.to_rows(columns, 0..3, &mut of_columns);
+            assert_eq!(of_columns, expected);
+            columnwise.to_rows(columns, 1..2, &mut of_columns);
+            let row = row_bytes(columns);
+            assert_eq!(of_columns, expected[row..2 * row]);
             rows.clear();
             for _ in 0..50 {
                 // What is read by the views that see points is none of a row's.

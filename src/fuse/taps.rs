@@ -117,23 +117,32 @@ pub(super) struct Sight<'a> {
     pub(super) bounds: &'a Bounds,
 }
 
+impl Sight<'_> {
+    /// The four pixels at an entry, how far to the right and below it lies, and the nearest of them.
+    #[inline(always)]
+    fn at(&self, i: usize) -> ([f32; 4], [f32; 2], f32) {
+        let [a, b, c, d] = self.sampled.four[i];
+        let (fx, fy) = (self.footprint.fx[i], self.footprint.fy[i]);
+        let top = if fx >= 0.5 { b } else { a };
+        let bottom = if fx >= 0.5 { d } else { c };
+        let nearest = if fy >= 0.5 { bottom } else { top };
+        ([a, b, c, d], [fx, fy], nearest)
+    }
+}
+
 /// Bilinear depth, pixels without depth as zeros.
 pub(super) struct PlainLooks<'a>(pub(super) Sight<'a>);
 
 impl Looks for PlainLooks<'_> {
     #[inline(always)]
     fn at(&self, i: usize) -> Look {
-        let Sight {
-            sampled,
-            footprint,
-            bounds,
-        } = self.0;
-        let [a, b, c, d] = sampled.four[i];
-        let (fx, fy, inverse) = (footprint.fx[i], footprint.fy[i], footprint.inverse[i]);
+        let sight = self.0;
+        let ([a, b, c, d], [fx, fy], nearest) = sight.at(i);
+        let (bounds, inverse) = (sight.bounds, sight.footprint.inverse[i]);
         let top = fx.mul_add(b - a, a);
         let bottom = fx.mul_add(d - c, c);
         let depth = fy.mul_add(bottom - top, top);
-        let beyond = nearest([a, b], [c, d], footprint, i) * inverse;
+        let beyond = nearest * inverse;
         Look {
             sampled: depth * inverse > 0.0,
             q: depth.mul_add(inverse, -1.0),
@@ -151,15 +160,10 @@ pub(super) struct ValidLooks<'a>(pub(super) Sight<'a>, pub(super) f32);
 impl Looks for ValidLooks<'_> {
     #[inline(always)]
     fn at(&self, i: usize) -> Look {
-        let Sight {
-            sampled,
-            footprint,
-            bounds,
-        } = self.0;
-        let similar = self.1;
-        let [a, b, c, d] = sampled.four[i];
-        let (fx, fy, z) = (footprint.fx[i], footprint.fy[i], footprint.z[i]);
-        let near = nearest([a, b], [c, d], footprint, i) * z;
+        let Self(sight, similar) = *self;
+        let ([a, b, c, d], [fx, fy], nearest) = sight.at(i);
+        let (bounds, z) = (sight.bounds, sight.footprint.z[i]);
+        let near = nearest * z;
         let (gx, gy) = (1.0 - fx, 1.0 - fy);
         let mut weight = 0.0f32;
         let mut offset = 0.0f32;
@@ -183,15 +187,6 @@ impl Looks for ValidLooks<'_> {
             silent: (z > 0.0) & (near <= 0.0),
         }
     }
-}
-
-/// The nearest of the four pixels' value.
-#[inline(always)]
-fn nearest([a, b]: [f32; 2], [c, d]: [f32; 2], footprint: &Footprint, i: usize) -> f32 {
-    let (right, below) = (footprint.fx[i] >= 0.5, footprint.fy[i] >= 0.5);
-    let top = if right { b } else { a };
-    let bottom = if right { d } else { c };
-    if below { bottom } else { top }
 }
 
 /// `z` / `depth`; 0 without a depth.

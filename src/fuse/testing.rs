@@ -1,6 +1,6 @@
 //! Random views and analytic estimates for this module's tests.
 
-use super::Estimate;
+use super::{Columns, Estimate, Points};
 use glam::{DQuat, DVec2, DVec3};
 use mvs_datasets::scene::{Camera, DepthMap, Pose, View};
 use rand_chacha::ChaCha8Rng;
@@ -130,4 +130,29 @@ pub(crate) fn spoil(estimate: &mut Estimate, seed: u64, sigma: f64, outliers: f6
         }
     }
     estimate.depth = DepthMap::from_values(width, height, values).unwrap().0;
+}
+
+/// The rows of bytes of points, one after the other.
+pub(crate) fn as_bytes(points: &Points, columns: Columns) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for at in 0..points.len() {
+        let position = points.positions[at].to_array();
+        bytes.extend(position.into_iter().flat_map(f64::to_le_bytes));
+        if columns.has(Columns::NORMALS) {
+            let normal = points.normals[at].to_array();
+            bytes.extend(normal.into_iter().flat_map(f32::to_le_bytes));
+        }
+        if columns.has(Columns::COLORS) {
+            bytes.extend(points.colors[at]);
+        }
+        bytes.extend(points.view_counts[at].to_le_bytes());
+        if columns.has(Columns::CONFIDENCES) {
+            bytes.extend(points.confidences[at].to_le_bytes());
+        }
+        if columns.has(Columns::EXTRAS) {
+            bytes.extend(points.violations[at].to_le_bytes());
+            bytes.extend(points.scales[at].to_le_bytes());
+        }
+    }
+    bytes
 }

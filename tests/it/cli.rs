@@ -7,6 +7,8 @@ use mvs_datasets::scene::ColorImage;
 use std::fs;
 use std::path::Path;
 
+mod refusals;
+
 /// The run fails with exit code 2 and one line of error that says all of `parts`.
 fn assert_refused(arguments: &[&str], parts: &[&str]) {
     let output = mvs_eval(arguments);
@@ -68,53 +70,6 @@ fn help_and_version_answer_on_stdout_and_succeed() {
         );
     }
     assert_eq!(mvs_eval(&["no-such-command"]).status.code(), Some(2));
-}
-
-#[test]
-fn missing_files_are_named() {
-    let scene = small_scene();
-    let (mesh, cams, out) = (
-        scene.path().join("mesh.obj"),
-        scene.path().join("cams"),
-        scene.path().join("out"),
-    );
-    let missing = scene.path().join("missing");
-    assert_refused(&render_arguments(&missing, &cams, &out), &["missing"]);
-    assert_refused(&render_arguments(&mesh, &missing, &out), &["missing"]);
-    assert_refused(
-        &["inspect", text(&missing.with_extension("ply"))],
-        &["missing.ply"],
-    );
-    assert!(
-        !out.join("run.toml").exists(),
-        "a refused run leaves no finished result"
-    );
-}
-
-#[test]
-fn singular_intrinsics_and_cameras_behind_the_mesh_are_named() {
-    let scene = small_scene();
-    let path = |name: &str| scene.path().join(name);
-    write(
-        &path("flat/00000000_cam.txt"),
-        CAM.replace("40 0 20", "0 0 20"),
-    );
-    let arguments = [path("mesh.obj"), path("flat"), path("out1")];
-    let error = ["00000000_cam.txt", "singular"];
-    assert_refused(
-        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
-        &error,
-    );
-    write(
-        &path("behind/00000000_cam.txt"),
-        CAM.replace("0 0 1 0\n0 0 0 1", "0 0 1 -9\n0 0 0 1"),
-    );
-    let arguments = [path("mesh.obj"), path("behind"), path("out2")];
-    let error = ["views that see the mesh", "world-to-camera"];
-    assert_refused(
-        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
-        &error,
-    );
 }
 
 #[test]
@@ -184,89 +139,6 @@ fn flags_override_the_configuration_file() {
     assert_refused(&arguments, &["unknown field", "smaples"]);
 }
 
-const EMPTY_CLOUD: &str = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\n\
-                           property float y\nproperty float z\nend_header\n";
-const ONE_POINT: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n\
-                         property float y\nproperty float z\nend_header\n0 0 1\n";
-
-#[test]
-fn empty_clouds_and_wrong_formats_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    write(&path("empty.ply"), EMPTY_CLOUD);
-    write(&path("point.ply"), ONE_POINT);
-    write(&path("text.ply"), "this is no cloud\n");
-    let (point, out) = (path("point.ply"), path("out"));
-    let score = |truth: &Path, reconstruction: &Path, parts: &[&str]| {
-        let arguments = [
-            "score",
-            "--truth",
-            text(truth),
-            "--reconstruction",
-            text(reconstruction),
-        ];
-        let mut arguments = arguments.to_vec();
-        arguments.extend(["--tau", "0.1", "--out", text(&out)]);
-        assert_refused(&arguments, parts);
-        assert!(!out.join("run.toml").exists());
-    };
-    let empty = ["empty.ply", "expected points of the truth"];
-    score(&path("empty.ply"), &point, &empty);
-    score(&point, &path("text.ply"), &["text.ply"]);
-    score(&point, &path("none.ply"), &["none.ply"]);
-    let arguments = [
-        "score",
-        "--truth",
-        text(&point),
-        "--reconstruction",
-        text(&point),
-    ];
-    let mut arguments = arguments.to_vec();
-    arguments.extend(["--tau", "-1", "--out", text(&out)]);
-    assert_eq!(mvs_eval(&arguments).status.code(), Some(2));
-}
-
-/// A one-channel PFM of ones.
-fn pfm(width: usize, height: usize) -> Vec<u8> {
-    let mut bytes = format!("Pf\n{width} {height}\n-1.000000\n").into_bytes();
-    bytes.extend(std::iter::repeat_n(1.0f32.to_le_bytes(), width * height).flatten());
-    bytes
-}
-
-#[test]
-fn depth_and_confidence_of_different_size_and_missing_depths_are_named() {
-    let scene = small_scene();
-    let path = |name: &str| scene.path().join(name);
-    let write_map = |name: &str, bytes: &[u8]| {
-        write(&path(name), bytes);
-    };
-    write_map("depth/00000000.pfm", &pfm(40, 30));
-    write_map("confidence/00000000.pfm", &pfm(20, 15));
-    let (root, depths, out) = (path(""), path("depth"), path("cloud.ply"));
-    let confidence = path("confidence");
-    let arguments = [
-        "fuse",
-        text(&root),
-        "--depths",
-        text(&depths),
-        "--out",
-        text(&out),
-    ];
-    let with_confidence = [&arguments[..], &["--confidence", text(&confidence)]].concat();
-    assert_refused(&with_confidence, &["00000000.pfm", "40x30", "20x15"]);
-    let nothing = path("cams");
-    let arguments = [
-        "fuse",
-        text(&root),
-        "--depths",
-        text(&nothing),
-        "--out",
-        text(&out),
-    ];
-    assert_refused(&arguments, &["cams", "00000000.pfm"]);
-    assert!(!out.exists());
-}
-
 fn points_as_ply(points: &[&str]) -> String {
     let properties = "property float x\nproperty float y\nproperty float z\n";
     let head = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
@@ -314,120 +186,6 @@ fn inspect_understands_a_folder_of_tanks_and_temples() {
     // Without one of its files it is no scene, and what it is else is said.
     std::fs::remove_file(path("Barn_trans.txt")).unwrap();
     assert_refused(&["inspect", text(&path(""))], &["download", "expected"]);
-}
-
-/// A value below 0 is the command's to refuse: `-1` is no unknown argument.
-#[test]
-fn values_without_sense_are_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let out = ["--out", text(&out)];
-    for (arguments, parts) in [
-        (
-            &["compare", "a", "b", "--tolerance", "inf"][..],
-            &["--tolerance", "found inf"],
-        ),
-        (
-            &["compare", "a", "b", "--tolerance", "-1"],
-            &["--tolerance", "found -1"],
-        ),
-        (
-            &["demo", "--threads", "100000", out[0], out[1]],
-            &["--threads", "at most 1024"],
-        ),
-        (
-            &["extremes", "--width", "0", out[0], out[1]],
-            &["--width", "at least 1"],
-        ),
-        (
-            &["tradeoff", "--views", "0", out[0], out[1]],
-            &["--views", "at least 1"],
-        ),
-        (
-            &[
-                "fuse",
-                "--depths",
-                "x",
-                "--confidence-quantile",
-                "0.5",
-                "a",
-                out[0],
-                out[1],
-            ],
-            &["--confidence-quantile", "needs --confidence"],
-        ),
-    ] {
-        assert_refused(arguments, parts);
-        assert!(!folder.path().join("out").exists(), "{arguments:?}");
-    }
-}
-
-#[test]
-fn options_that_would_do_nothing_are_refused() {
-    let fuse = |more: &[&'static str]| {
-        [
-            &["fuse", "scene", "--depths", "d", "--out", "c.ply"][..],
-            more,
-        ]
-        .concat()
-    };
-    assert_refused(
-        &fuse(&["--min-confidence", "0.5"]),
-        &["--min-confidence", "--confidence"],
-    );
-    assert_refused(
-        &fuse(&["--mode", "geo", "--visibility", "none"]),
-        &["--visibility", "mode geo"],
-    );
-    assert_refused(
-        &fuse(&["--mode", "dynamic", "--min-sources", "4"]),
-        &["--min-sources"],
-    );
-    assert_refused(
-        &fuse(&["--stereo", "photometric"]),
-        &["--stereo", "workspace"],
-    );
-    assert_refused(
-        &["score", "--all", "x", "--protocol", "plain", "--out", "o"],
-        &["--protocol", "tnt"],
-    );
-    assert_refused(&["demo", "--tau", "0"], &["--tau"]);
-    assert_refused(
-        &[
-            "score",
-            "--truth",
-            "t.ply",
-            "--reconstruction",
-            "r.ply",
-            "--tau",
-            "1",
-            "--bootstrap",
-            "1",
-            "--out",
-            "o",
-        ],
-        &["--bootstrap", "40"],
-    );
-}
-
-#[test]
-fn a_negative_value_is_refused_by_its_own_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let cloud = folder.path().join("cloud.ply");
-    write(&cloud, points_as_ply(&["0 0 0"]));
-    let out = folder.path().join("out");
-    let arguments = [
-        "score",
-        "--truth",
-        text(&cloud),
-        "--reconstruction",
-        text(&cloud),
-        "--tau",
-        "-1",
-        "--out",
-        text(&out),
-    ];
-    assert_refused(&arguments, &["tolerance", "-1"]);
 }
 
 /// An image beside the cams tells their size, and that these count from the first pixel's centre.
@@ -505,35 +263,6 @@ fn patterns_of_meshes_are_taken_and_every_file_behind_them_is_an_input() {
     assert!(run.contains("mesh.obj\""), "{run}");
 }
 
-#[test]
-fn paths_that_were_not_given_are_named_before_any_work() {
-    let scene = small_scene();
-    let path = |name: &str| text(&scene.path().join(name)).to_owned();
-    let (mesh, cams, photos) = (path("mesh.obj"), path("cams"), path("photos"));
-    let given = ["--mesh", &mesh, "--cameras", &cams];
-    for (arguments, missing) in [
-        ([&["render"], &given[..]].concat(), "render: --out"),
-        ([&["render"], &given[..2]].concat(), "render: --cameras"),
-        ([&["render"], &given[2..]].concat(), "render: --mesh"),
-        (
-            [&["generate", "--photos", &photos], &given[..]].concat(),
-            "generate: --out",
-        ),
-        ([&["generate"], &given[..]].concat(), "generate: --photos"),
-        ([&["pairs"], &given[..]].concat(), "pairs: --out"),
-        (vec!["pairs"], "pairs: --cameras"),
-        (
-            vec!["blend", "--rendered", &cams, "--photos", &photos],
-            "blend: --out",
-        ),
-        (vec!["augment", "--images", &photos], "augment: --out"),
-        (vec!["augment"], "augment: --images"),
-        (vec!["verify"], "verify: SCENE"),
-    ] {
-        assert_refused(&arguments, &[missing, "found none"]);
-    }
-}
-
 /// A PNG whose left half has one colour and whose right half another one.
 fn halves(path: &Path, (width, height): (u32, u32), colors: [[u8; 3]; 2]) {
     let half = |i: u32| colors[usize::from(i % width >= width / 2)];
@@ -602,18 +331,9 @@ fn views_that_see_nothing_are_named_in_one_warning() {
         );
     }
     let [mesh, cams, out] = ["mesh.obj", "cams", "out"].map(|name| folder.path().join(name));
-    let (mesh, cams, out) = (text(&mesh), text(&cams), text(&out));
-    let output = mvs_eval(&[
-        "render",
-        "--mesh",
-        mesh,
-        "--cameras",
-        cams,
-        "--out",
-        out,
-        "--size",
-        "40x30",
-    ]);
+    let mut arguments = render_arguments(&mesh, &cams, &out).to_vec();
+    arguments.extend(["--size", "40x30"]);
+    let output = mvs_eval(&arguments);
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     let warnings: Vec<&str> = said
@@ -628,25 +348,5 @@ fn views_that_see_nothing_are_named_in_one_warning() {
             ),
         "{}",
         warnings[0]
-    );
-}
-
-#[cfg(unix)]
-#[test]
-fn a_path_that_is_no_utf_8_is_named() {
-    use std::ffi::OsStr;
-    use std::os::unix::ffi::OsStrExt;
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_mvs-eval"))
-        .args([
-            OsStr::new("inspect"),
-            OsStr::from_bytes(b"scene\xff/mesh.obj"),
-        ])
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(2));
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(
-        said.starts_with("error: scene\u{fffd}/mesh.obj: expected arguments in UTF-8"),
-        "{said}"
     );
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::fuse::testing::{Plane, arc, spoil};
+use crate::fuse::testing::{Plane, arc, as_bytes, spoil};
 use crate::fuse::{Estimate, MEMORY, MemoryScratch, Points, Sampling, fuse, oracle};
 use crate::progress::Silent;
 use glam::{DVec2, DVec3};
@@ -417,31 +417,6 @@ impl PointSink for AsBytes {
         self.1.extend_from_slice(rows);
         Ok(())
     }
-}
-
-/// The bytes of points, one after the other.
-fn as_bytes(points: &Points, columns: Columns) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    for at in 0..points.len() {
-        let position = points.positions[at].to_array();
-        bytes.extend(position.into_iter().flat_map(f64::to_le_bytes));
-        if columns.has(Columns::NORMALS) {
-            let normal = points.normals[at].to_array();
-            bytes.extend(normal.into_iter().flat_map(f32::to_le_bytes));
-        }
-        if columns.has(Columns::COLORS) {
-            bytes.extend(points.colors[at]);
-        }
-        bytes.extend(points.view_counts[at].to_le_bytes());
-        if columns.has(Columns::CONFIDENCES) {
-            bytes.extend(points.confidences[at].to_le_bytes());
-        }
-        if columns.has(Columns::EXTRAS) {
-            bytes.extend(points.violations[at].to_le_bytes());
-            bytes.extend(points.scales[at].to_le_bytes());
-        }
-    }
-    bytes
 }
 
 /// With images of the maps' size, of another and without, with confidences and without; of both kinds of

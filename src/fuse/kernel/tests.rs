@@ -166,3 +166,28 @@ fn the_loop_agrees_with_the_closed_form_in_f64() {
         "{plain_seen} {valid_seen}"
     );
 }
+
+/// A map so wide that its columns are no whole numbers of the short way, with depths on its far side only.
+#[test]
+fn in_very_wide_maps_pixels_are_found_in_f64() {
+    let mut random = rng(3);
+    let view = random_view(&mut random, 0);
+    let width = 5_000_000;
+    let samples = Samples::new((width, 1), Unit::Depth, &vec![0.0; width as usize]);
+    let samples = samples.within(vec![4_600_000..4_600_200]);
+    let mut block = Block::new();
+    for i in 0..BLOCK as u32 {
+        block.push(Grid::whole(width), 100 + i, 0, 2.0);
+    }
+    let pair = Pair::new(&view, &view);
+    let mut near = Near::new();
+    near.fill(&block);
+    assert!(Relative::new(&pair.columns, &near).is_some());
+    let (mut seen, mut found) = (Seen::new(), Footprint::new());
+    pair.project::<false>((&block, &near), &samples, &mut seen, &mut found);
+    let mut expected = Footprint::new();
+    pair.project_widely::<false>(&block, &samples, &mut seen, &mut expected);
+    assert_eq!(found.index, expected.index);
+    let last = samples.values().len() - samples.stride();
+    assert!(found.any && found.index.iter().all(|&index| (index as usize + 1) < last));
+}

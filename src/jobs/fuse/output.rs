@@ -10,7 +10,6 @@ use mvs_datasets::layout::visible::VisibleWriter;
 use mvs_datasets::layout::{files, mvsnet};
 use mvs_datasets::scene::Raster;
 use std::io::{Seek, Write};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Everything that points go to.
@@ -186,8 +185,6 @@ pub(super) struct PlySink<W> {
     columns: Columns,
     /// For errors.
     path: PathBuf,
-    /// Bytes of a row.
-    row: usize,
     /// Room for some rows.
     rows: Vec<u8>,
 }
@@ -227,12 +224,10 @@ impl<W: Write + Seek> PlySink<W> {
         path: &Path,
     ) -> std::io::Result<Self> {
         let properties = properties(columns);
-        let row = properties.iter().map(|(_, scalar)| scalar.size()).sum();
         Ok(Self {
             writer: StreamWriter::new(out, &properties, comments)?,
             columns,
             path: path.to_path_buf(),
-            row,
             rows: Vec::new(),
         })
     }
@@ -246,41 +241,6 @@ impl<W: Write + Seek> PlySink<W> {
         let written = self.writer.complete();
         Ok(written.map_err(mvs_datasets::Error::io(&self.path, "write"))?)
     }
-
-    /// Puts the points in `range` into `rows`, one after the other.
-    fn fill(&self, points: &Points, range: Range<usize>, rows: &mut [u8]) {
-        let columns = self.columns;
-        for (at, mut row) in range.zip(rows.chunks_exact_mut(self.row.max(1))) {
-            for value in points.positions[at].to_array() {
-                put(&mut row, value.to_le_bytes());
-            }
-            if columns.has(Columns::NORMALS) {
-                for value in points.normals[at].to_array() {
-                    put(&mut row, value.to_le_bytes());
-                }
-            }
-            if columns.has(Columns::COLORS) {
-                put(&mut row, points.colors[at]);
-            }
-            put(&mut row, points.view_counts[at].to_le_bytes());
-            if columns.has(Columns::CONFIDENCES) {
-                put(&mut row, points.confidences[at].to_le_bytes());
-            }
-            if columns.has(Columns::EXTRAS) {
-                put(&mut row, points.violations[at].to_le_bytes());
-                put(&mut row, points.scales[at].to_le_bytes());
-            }
-        }
-    }
-}
-
-/// Puts `bytes` where `row` begins, which then begins after them.
-#[inline(always)]
-fn put<const N: usize>(row: &mut &mut [u8], bytes: [u8; N]) {
-    if let Some((to, rest)) = std::mem::take(row).split_first_chunk_mut() {
-        *to = bytes;
-        *row = rest;
-    }
 }
 
 impl<W: Write + Seek> PointSink for PlySink<W> {
@@ -288,8 +248,7 @@ impl<W: Write + Seek> PointSink for PlySink<W> {
         let mut rows = std::mem::take(&mut self.rows);
         for start in (0..points.len()).step_by(ROWS) {
             let range = start..points.len().min(start + ROWS);
-            rows.resize(range.len() * self.row, 0);
-            self.fill(points, range, &mut rows);
+            points.to_rows(self.columns, range, &mut rows);
             self.take_rows(&rows)?;
         }
         self.rows = rows;

@@ -1,0 +1,296 @@
+//! What is refused: one sentence that says which file or option, and what was expected.
+
+use super::*;
+
+/// A one-channel PFM of ones.
+fn pfm(width: usize, height: usize) -> Vec<u8> {
+    let mut bytes = format!("Pf\n{width} {height}\n-1.000000\n").into_bytes();
+    bytes.extend(std::iter::repeat_n(1.0f32.to_le_bytes(), width * height).flatten());
+    bytes
+}
+
+#[test]
+fn missing_files_are_named() {
+    let scene = small_scene();
+    let (mesh, cams, out) = (
+        scene.path().join("mesh.obj"),
+        scene.path().join("cams"),
+        scene.path().join("out"),
+    );
+    let missing = scene.path().join("missing");
+    assert_refused(&render_arguments(&missing, &cams, &out), &["missing"]);
+    assert_refused(&render_arguments(&mesh, &missing, &out), &["missing"]);
+    assert_refused(
+        &["inspect", text(&missing.with_extension("ply"))],
+        &["missing.ply"],
+    );
+    assert!(
+        !out.join("run.toml").exists(),
+        "a refused run leaves no finished result"
+    );
+}
+
+#[test]
+fn singular_intrinsics_and_cameras_behind_the_mesh_are_named() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    write(
+        &path("flat/00000000_cam.txt"),
+        CAM.replace("40 0 20", "0 0 20"),
+    );
+    let arguments = [path("mesh.obj"), path("flat"), path("out1")];
+    let error = ["00000000_cam.txt", "singular"];
+    assert_refused(
+        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
+        &error,
+    );
+    write(
+        &path("behind/00000000_cam.txt"),
+        CAM.replace("0 0 1 0\n0 0 0 1", "0 0 1 -9\n0 0 0 1"),
+    );
+    let arguments = [path("mesh.obj"), path("behind"), path("out2")];
+    let error = ["views that see the mesh", "world-to-camera"];
+    assert_refused(
+        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
+        &error,
+    );
+}
+
+const EMPTY_CLOUD: &str = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\n\
+                           property float y\nproperty float z\nend_header\n";
+const ONE_POINT: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n\
+                         property float y\nproperty float z\nend_header\n0 0 1\n";
+
+#[test]
+fn empty_clouds_and_wrong_formats_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write(&path("empty.ply"), EMPTY_CLOUD);
+    write(&path("point.ply"), ONE_POINT);
+    write(&path("text.ply"), "this is no cloud\n");
+    let (point, out) = (path("point.ply"), path("out"));
+    let score = |truth: &Path, reconstruction: &Path, parts: &[&str]| {
+        let arguments = [
+            "score",
+            "--truth",
+            text(truth),
+            "--reconstruction",
+            text(reconstruction),
+        ];
+        let mut arguments = arguments.to_vec();
+        arguments.extend(["--tau", "0.1", "--out", text(&out)]);
+        assert_refused(&arguments, parts);
+        assert!(!out.join("run.toml").exists());
+    };
+    let empty = ["empty.ply", "expected points of the truth"];
+    score(&path("empty.ply"), &point, &empty);
+    score(&point, &path("text.ply"), &["text.ply"]);
+    score(&point, &path("none.ply"), &["none.ply"]);
+    let arguments = [
+        "score",
+        "--truth",
+        text(&point),
+        "--reconstruction",
+        text(&point),
+    ];
+    let mut arguments = arguments.to_vec();
+    arguments.extend(["--tau", "-1", "--out", text(&out)]);
+    assert_eq!(mvs_eval(&arguments).status.code(), Some(2));
+}
+
+#[test]
+fn depth_and_confidence_of_different_size_and_missing_depths_are_named() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    let write_map = |name: &str, bytes: &[u8]| {
+        write(&path(name), bytes);
+    };
+    write_map("depth/00000000.pfm", &pfm(40, 30));
+    write_map("confidence/00000000.pfm", &pfm(20, 15));
+    let (root, depths, out) = (path(""), path("depth"), path("cloud.ply"));
+    let confidence = path("confidence");
+    let arguments = [
+        "fuse",
+        text(&root),
+        "--depths",
+        text(&depths),
+        "--out",
+        text(&out),
+    ];
+    let with_confidence = [&arguments[..], &["--confidence", text(&confidence)]].concat();
+    assert_refused(&with_confidence, &["00000000.pfm", "40x30", "20x15"]);
+    let nothing = path("cams");
+    let arguments = [
+        "fuse",
+        text(&root),
+        "--depths",
+        text(&nothing),
+        "--out",
+        text(&out),
+    ];
+    assert_refused(&arguments, &["cams", "00000000.pfm"]);
+    assert!(!out.exists());
+}
+
+/// A value below 0 is the command's to refuse: `-1` is no unknown argument.
+#[test]
+fn values_without_sense_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let out = ["--out", text(&out)];
+    for (arguments, parts) in [
+        (
+            &["compare", "a", "b", "--tolerance", "inf"][..],
+            &["--tolerance", "found inf"],
+        ),
+        (
+            &["compare", "a", "b", "--tolerance", "-1"],
+            &["--tolerance", "found -1"],
+        ),
+        (
+            &["demo", "--threads", "100000", out[0], out[1]],
+            &["--threads", "at most 1024"],
+        ),
+        (
+            &["extremes", "--width", "0", out[0], out[1]],
+            &["--width", "at least 1"],
+        ),
+        (
+            &["tradeoff", "--views", "0", out[0], out[1]],
+            &["--views", "at least 1"],
+        ),
+        (
+            &[
+                "fuse",
+                "--depths",
+                "x",
+                "--confidence-quantile",
+                "0.5",
+                "a",
+                out[0],
+                out[1],
+            ],
+            &["--confidence-quantile", "needs --confidence"],
+        ),
+    ] {
+        assert_refused(arguments, parts);
+        assert!(!folder.path().join("out").exists(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn options_that_would_do_nothing_are_refused() {
+    let fuse = |more: &[&'static str]| {
+        [
+            &["fuse", "scene", "--depths", "d", "--out", "c.ply"][..],
+            more,
+        ]
+        .concat()
+    };
+    assert_refused(
+        &fuse(&["--min-confidence", "0.5"]),
+        &["--min-confidence", "--confidence"],
+    );
+    assert_refused(
+        &fuse(&["--mode", "geo", "--visibility", "none"]),
+        &["--visibility", "mode geo"],
+    );
+    assert_refused(
+        &fuse(&["--mode", "dynamic", "--min-sources", "4"]),
+        &["--min-sources"],
+    );
+    assert_refused(
+        &fuse(&["--stereo", "photometric"]),
+        &["--stereo", "workspace"],
+    );
+    assert_refused(
+        &["score", "--all", "x", "--protocol", "plain", "--out", "o"],
+        &["--protocol", "tnt"],
+    );
+    assert_refused(&["demo", "--tau", "0"], &["--tau"]);
+    assert_refused(
+        &[
+            "score",
+            "--truth",
+            "t.ply",
+            "--reconstruction",
+            "r.ply",
+            "--tau",
+            "1",
+            "--bootstrap",
+            "1",
+            "--out",
+            "o",
+        ],
+        &["--bootstrap", "40"],
+    );
+}
+
+#[test]
+fn a_negative_value_is_refused_by_its_own_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = folder.path().join("cloud.ply");
+    write(&cloud, points_as_ply(&["0 0 0"]));
+    let out = folder.path().join("out");
+    let arguments = [
+        "score",
+        "--truth",
+        text(&cloud),
+        "--reconstruction",
+        text(&cloud),
+        "--tau",
+        "-1",
+        "--out",
+        text(&out),
+    ];
+    assert_refused(&arguments, &["tolerance", "-1"]);
+}
+
+#[test]
+fn paths_that_were_not_given_are_named_before_any_work() {
+    let scene = small_scene();
+    let path = |name: &str| text(&scene.path().join(name)).to_owned();
+    let (mesh, cams, photos) = (path("mesh.obj"), path("cams"), path("photos"));
+    let given = ["--mesh", &mesh, "--cameras", &cams];
+    for (arguments, missing) in [
+        ([&["render"], &given[..]].concat(), "render: --out"),
+        ([&["render"], &given[..2]].concat(), "render: --cameras"),
+        ([&["render"], &given[2..]].concat(), "render: --mesh"),
+        (
+            [&["generate", "--photos", &photos], &given[..]].concat(),
+            "generate: --out",
+        ),
+        ([&["generate"], &given[..]].concat(), "generate: --photos"),
+        ([&["pairs"], &given[..]].concat(), "pairs: --out"),
+        (vec!["pairs"], "pairs: --cameras"),
+        (
+            vec!["blend", "--rendered", &cams, "--photos", &photos],
+            "blend: --out",
+        ),
+        (vec!["augment", "--images", &photos], "augment: --out"),
+        (vec!["augment"], "augment: --images"),
+        (vec!["verify"], "verify: SCENE"),
+    ] {
+        assert_refused(&arguments, &[missing, "found none"]);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_path_that_is_no_utf_8_is_named() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_mvs-eval"))
+        .args([
+            OsStr::new("inspect"),
+            OsStr::from_bytes(b"scene\xff/mesh.obj"),
+        ])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.starts_with("error: scene\u{fffd}/mesh.obj: expected arguments in UTF-8"),
+        "{said}"
+    );
+}
