@@ -174,7 +174,8 @@ fn in_very_wide_maps_pixels_are_found_in_f64() {
     let view = random_view(&mut random, 0);
     let width = 5_000_000;
     let samples = Samples::new((width, 1), Unit::Depth, &vec![0.0; width as usize]);
-    let samples = samples.within(vec![4_600_000..4_600_200]);
+    let far_side = 4_600_000..4_600_200;
+    let samples = samples.within(vec![far_side]);
     let mut block = Block::new();
     for i in 0..BLOCK as u32 {
         block.push(Grid::whole(width), 100 + i, 0, 2.0);
