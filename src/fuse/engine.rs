@@ -306,9 +306,7 @@ impl Engine<'_> {
                 });
                 for band in &bands {
                     match as_bytes {
-                        Some(_) => {
-                            (band.bytes.iter()).try_for_each(|row| sink.take_rows(row.bytes()))
-                        }
+                        Some(_) => band.bytes.rows().try_for_each(|row| sink.take_rows(row)),
                         None => band.rows.iter().try_for_each(|row| sink.take(row)),
                     }?;
                     counts = counts.plus(band.counts);

@@ -109,6 +109,7 @@ impl WithSimd for Take<'_> {
         for i in 0..BLOCK {
             let (column, row) = (filling.column[i], filling.row[i]);
             (block.pixel[i], block.place[i]) = grid.numbers(column, row);
+            (block.column[i], block.row[i]) = (column, row);
             block.u[i] = column as i32 as f32 + 0.5;
             block.v[i] = row as i32 as f32 + 0.5;
             block.depth[i] = unit.convert(filling.stored[i]);
@@ -124,7 +125,10 @@ mod tests {
     use pulp::Arch;
 
     fn same(block: &Block, other: &Block) -> bool {
-        let numbers = |block: &Block| (block.len, block.pixel, block.place);
+        let numbers = |block: &Block| {
+            let places = (block.pixel, block.place);
+            (block.len, places, block.column, block.row)
+        };
         let values =
             |block: &Block| [block.u, block.v, block.depth].map(|all| all.map(f32::to_bits));
         numbers(block) == numbers(other) && values(block) == values(other)
@@ -176,6 +180,7 @@ mod tests {
             let (u, v, depth) = (expected.u[last], expected.v[last], expected.depth[last]);
             for i in expected.len..BLOCK {
                 (expected.u[i], expected.v[i], expected.depth[i]) = (u, v, depth);
+                (expected.column[i], expected.row[i]) = (expected.column[last], expected.row[last]);
                 (expected.pixel[i], expected.place[i]) =
                     (expected.pixel[last], expected.place[last]);
             }

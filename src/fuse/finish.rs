@@ -9,14 +9,13 @@ use super::confident::Rows;
 use super::consensus::Consensus;
 use super::geometry::unprojection;
 use super::kernel::{BLOCK, Block, Seen};
-use super::rows::Described;
+use super::rows::Entries;
 use super::samples::Unit;
 use super::source::Photo;
 use crate::ahead::prefetch;
 use glam::{DMat3, DVec3, Vec3};
 use mvs_datasets::scene::View;
 use pulp::{Simd, WithSimd};
-use std::ops::Range;
 
 /// From a view's pixels, and planes in its inverse depth, to the world.
 pub(super) struct Frame {
@@ -56,8 +55,8 @@ pub(super) struct Room {
     /// Stored values of the 3×3 pixels around each, rows from the top.
     windows: [[f32; BLOCK]; 9],
     normal: [[f32; BLOCK]; 3],
-    /// 1 where all of the window counts.
-    whole: [u32; BLOCK],
+    /// A bit for each where all of the window counts.
+    whole: u64,
     /// Pixels of each source's image: their place, then their colour, red in the lowest byte.
     texels: Vec<[u32; BLOCK]>,
     sums: [[u32; BLOCK]; 3],
@@ -76,7 +75,7 @@ impl Room {
             follows: 0,
             windows: [[1.0; BLOCK]; 9],
             normal: [[0.0; BLOCK]; 3],
-            whole: [0; BLOCK],
+            whole: 0,
             texels: vec![[0; BLOCK]; sources],
             sums: [[0; BLOCK]; 3],
             colored: [0; BLOCK],
@@ -90,51 +89,14 @@ impl Room {
         DVec3::new(x[i], y[i], z[i])
     }
 
-    /// A run of points; the colours are the mixed ones.
-    pub(super) fn described<'a>(
-        &'a self,
-        run: &Run,
-        (consensus, confidences): (&'a Consensus, &'a [f32]),
-    ) -> Described<'a> {
-        Described {
-            positions: self.position.each_ref().map(|axis| &axis[run.clone()]),
-            normals: self.normal.each_ref().map(|axis| &axis[run.clone()]),
-            colors: &self.colors[run.clone()],
-            view_counts: &self.views[run.clone()],
-            confidences,
-            violations: &consensus.violations[run.clone()],
-            scales: &self.scale[run.clone()],
-        }
-    }
-
     /// Of the first `len` pixels, a bit for each on which enough sources agree.
     pub(super) fn enough(&self, len: usize) -> u64 {
-        let beyond = BLOCK.saturating_sub(len);
-        self.enough & u64::MAX.checked_shr(beyond as u32).unwrap_or(0)
+        self.enough & first(len)
     }
 
-    /// Puts into `runs` the pixels whose bits are set in `kept`.
-    pub(super) fn put_runs(&self, mut kept: u64, runs: &mut Vec<Run>) {
-        runs.clear();
-        let going_on = kept & self.follows;
-        while kept != 0 {
-            let start = kept.trailing_zeros();
-            let more = going_on.checked_shr(start + 1).unwrap_or(0).trailing_ones();
-            let end = start + 1 + more;
-            runs.push(start as usize..end as usize);
-            kept &= u64::MAX.checked_shl(end).unwrap_or(0);
-        }
-    }
-
-    /// Whether the windows of all of a run are whole: then their normals are there.
-    pub(super) fn are_whole(&self, run: &Run) -> bool {
-        let whole = self.whole[run.clone()].iter();
-        whole.fold(1, |all, whole| all & whole) == 1
-    }
-
-    /// Whether the window is whole.
-    pub(super) fn is_whole(&self, i: usize) -> bool {
-        self.whole[i] == 1
+    /// A bit for each pixel whose window is whole: then its normal is there.
+    pub(super) fn whole(&self) -> u64 {
+        self.whole
     }
 
     pub(super) fn set_normal(&mut self, i: usize, normal: Vec3) {
@@ -143,17 +105,21 @@ impl Room {
         }
     }
 
-    /// Copies the windows around the pixels of `runs`, which come in order: what is copied past the end of one
-    /// is overwritten by the next, or means nothing.
-    pub(super) fn copy_windows(&mut self, runs: &[Run], block: &Block, map: Rows<'_>) {
-        for run in runs {
-            let place = block.place[run.start] as usize;
+    /// Copies the windows around all pixels, stretch by stretch of those that lie side by side: what is copied
+    /// past the end of one is overwritten by the next, or means nothing.
+    pub(super) fn copy_windows(&mut self, block: &Block, map: Rows<'_>) {
+        let mut starts = !self.follows & first(block.len);
+        while starts != 0 {
+            let start = starts.trailing_zeros() as usize;
+            starts &= starts - 1;
+            let end = (starts.trailing_zeros() as usize).min(block.len);
+            let place = block.place[start] as usize;
             for (at, windows) in self.windows.iter_mut().enumerate() {
                 let from = map.of_neighbour(place, at);
-                let to = &mut windows[run.start..];
+                let to = &mut windows[start..];
                 match (from.first_chunk::<STEP>(), to.first_chunk_mut::<STEP>()) {
-                    (Some(from), Some(to)) if run.len() <= STEP => *to = *from,
-                    _ => to[..run.len()].copy_from_slice(&from[..run.len()]),
+                    (Some(from), Some(to)) if end - start <= STEP => *to = *from,
+                    _ => to[..end - start].copy_from_slice(&from[..end - start]),
                 }
             }
         }
@@ -164,37 +130,29 @@ impl Room {
         std::array::from_fn(|row| std::array::from_fn(|column| self.windows[3 * row + column][i]))
     }
 
-    /// Begins the means of colours with the reference's own.
-    pub(super) fn own_colors(&mut self, runs: &[Run], color: impl Fn(usize) -> [u8; 3]) {
+    /// Begins the means of colours of the `kept` with the reference's own.
+    pub(super) fn own_colors(&mut self, kept: u64, color: impl Fn(usize) -> [u8; 3]) {
         self.colored = [1; BLOCK];
-        for run in runs {
-            for i in run.clone() {
-                let own = color(i);
-                for channel in 0..3 {
-                    self.sums[channel][i] = u32::from(own[channel]);
-                }
+        for i in entries(kept) {
+            let own = color(i);
+            for channel in 0..3 {
+                self.sums[channel][i] = u32::from(own[channel]);
             }
         }
     }
 
     /// Asks for the texels of a source's `photo`, which are to be fetched later.
-    pub(super) fn ask(&self, source: usize, runs: &[Run], photo: &Photo) {
+    pub(super) fn ask(&self, source: usize, kept: u64, photo: &Photo) {
         let (texels, values) = (&self.texels[source], photo.part.values());
-        for run in runs {
-            for &texel in &texels[run.clone()] {
-                prefetch(values, texel as usize);
-            }
-        }
+        entries(kept).for_each(|i| prefetch(values, texels[i] as usize));
     }
 
     /// Replaces the places of a source's texels by their colours.
-    pub(super) fn fetch(&mut self, source: usize, runs: &[Run], photo: &Photo) {
+    pub(super) fn fetch(&mut self, source: usize, kept: u64, photo: &Photo) {
         let (texels, values) = (&mut self.texels[source], photo.part.values());
-        for run in runs {
-            for texel in &mut texels[run.clone()] {
-                let [red, green, blue] = values[*texel as usize];
-                *texel = u32::from_le_bytes([red, green, blue, 0]);
-            }
+        for i in entries(kept) {
+            let [red, green, blue] = values[texels[i] as usize];
+            texels[i] = u32::from_le_bytes([red, green, blue, 0]);
         }
     }
 
@@ -207,8 +165,81 @@ impl Room {
     }
 }
 
-/// Entries of a block whose pixels lie side by side in a row.
-pub(super) type Run = Range<usize>;
+/// The numbers of the bits that are set, in order.
+#[inline(always)]
+pub(super) fn entries(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let next = bits.trailing_zeros() as usize;
+        let some = bits != 0;
+        bits &= bits.wrapping_sub(1);
+        some.then_some(next % BLOCK)
+    })
+}
+
+/// A bit for each of the first `len` entries.
+fn first(len: usize) -> u64 {
+    let beyond = BLOCK.saturating_sub(len);
+    u64::MAX.checked_shr(beyond as u32).unwrap_or(0)
+}
+
+/// Points that a block became, as far as they were found.
+pub(super) struct BlockPoints<'a> {
+    pub(super) block: &'a Block,
+    pub(super) consensus: &'a Consensus,
+    pub(super) room: &'a Room,
+    /// The first of the map's rows that are worked on.
+    pub(super) first_row: usize,
+    /// By pixel; 1 without.
+    pub(super) confidences: Option<&'a [f32]>,
+    /// Where colours are those of its pixels; else they are the mixed ones.
+    pub(super) photo: Option<&'a Photo>,
+}
+
+impl BlockPoints<'_> {
+    /// The row of a point, from the first that is worked on.
+    #[inline(always)]
+    pub(super) fn row(&self, i: usize) -> usize {
+        self.block.row[i] as usize - self.first_row
+    }
+}
+
+impl Entries for BlockPoints<'_> {
+    #[inline(always)]
+    fn position(&self, i: usize) -> [f64; 3] {
+        self.room.position.each_ref().map(|axis| axis[i])
+    }
+
+    #[inline(always)]
+    fn normal(&self, i: usize) -> [f32; 3] {
+        self.room.normal.each_ref().map(|axis| axis[i])
+    }
+
+    #[inline(always)]
+    fn color(&self, i: usize) -> [u8; 3] {
+        match self.photo {
+            Some(photo) => photo.part.values()[photo.place(self.block.at(i))],
+            None => self.room.colors[i],
+        }
+    }
+
+    #[inline(always)]
+    fn view_count(&self, i: usize) -> u32 {
+        self.room.views[i]
+    }
+
+    #[inline(always)]
+    fn confidence(&self, i: usize) -> f32 {
+        match self.confidences {
+            Some(map) => map[self.block.pixel[i] as usize],
+            None => 1.0,
+        }
+    }
+
+    #[inline(always)]
+    fn extras(&self, i: usize) -> (u32, f32) {
+        (self.consensus.violations[i], self.room.scale[i])
+    }
+}
 
 /// Entries that are copied at a time.
 const STEP: usize = 16;
@@ -321,6 +352,7 @@ impl Face<'_> {
             whole,
             ..
         } = self.room;
+        let mut wholes = [false; BLOCK];
         for i in 0..BLOCK {
             let middle = f64::from(windows[4][i]);
             let inverse = 1.0 / middle;
@@ -343,7 +375,11 @@ impl Face<'_> {
             normal[0][i] = (x / length) as f32;
             normal[1][i] = (y / length) as f32;
             normal[2][i] = (z / length) as f32;
-            whole[i] = u32::from(all & (length > 0.0));
+            wholes[i] = all & (length > 0.0);
+        }
+        *whole = 0;
+        for i in 0..BLOCK {
+            *whole |= u64::from(wholes[i]) << i;
         }
     }
 }

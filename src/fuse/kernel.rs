@@ -32,6 +32,8 @@ pub(super) struct Block {
     pub(super) pixel: [u32; BLOCK],
     /// Its index in the bordered map.
     pub(super) place: [u32; BLOCK],
+    pub(super) column: [u32; BLOCK],
+    pub(super) row: [u32; BLOCK],
     /// Continuous image coordinates of the pixel centre.
     pub(super) u: [f32; BLOCK],
     pub(super) v: [f32; BLOCK],
@@ -45,6 +47,8 @@ impl Block {
             len: 0,
             pixel: [0; BLOCK],
             place: [0; BLOCK],
+            column: [0; BLOCK],
+            row: [0; BLOCK],
             u: [0.5; BLOCK],
             v: [0.5; BLOCK],
             depth: [1.0; BLOCK],
@@ -56,6 +60,7 @@ impl Block {
     pub(super) fn push(&mut self, grid: Grid, column: u32, row: u32, depth: f32) {
         let at = self.len;
         (self.pixel[at], self.place[at]) = grid.numbers(column, row);
+        (self.column[at], self.row[at]) = (column, row);
         #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
         {
             self.u[at] = column as f32 + 0.5;
@@ -65,24 +70,9 @@ impl Block {
         self.len += 1;
     }
 
-    /// The row of a pixel.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "half a pixel below a row's border"
-    )]
-    pub(super) fn row(&self, at: usize) -> usize {
-        self.v[at] as usize
-    }
-
-    /// The column of a pixel.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "half a pixel beyond a column's border"
-    )]
-    pub(super) fn column(&self, at: usize) -> usize {
-        self.u[at] as usize
+    /// The column and row of a pixel.
+    pub(super) fn at(&self, i: usize) -> (usize, usize) {
+        (self.column[i] as usize, self.row[i] as usize)
     }
 
     #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Points on their way out, by column.
 
-use super::rows::Described;
+use super::rows::Entries;
 use crate::error::Result;
 use glam::{DVec3, Vec3};
 use mvs_datasets::scene::PointCloud;
@@ -80,26 +80,21 @@ impl Points {
         self.positions.is_empty()
     }
 
-    /// Adds described points, but for the views that see them.
-    pub(super) fn add(&mut self, columns: Columns, points: &Described<'_>) {
-        let [x, y, z] = points.positions;
-        let places = x.iter().zip(y).zip(z);
-        let places = places.map(|((&x, &y), &z)| DVec3::new(x, y, z));
-        self.positions.extend(places);
-        self.view_counts.extend_from_slice(points.view_counts);
-        self.violations.extend_from_slice(points.violations);
-        self.scales.extend_from_slice(points.scales);
+    /// Adds entry `i` of some points, but for the views that see it.
+    pub(super) fn add(&mut self, columns: Columns, points: &impl Entries, i: usize) {
+        self.positions.push(points.position(i).into());
+        self.view_counts.push(points.view_count(i));
+        let (violations, scale) = points.extras(i);
+        self.violations.push(violations);
+        self.scales.push(scale);
         if columns.has(Columns::NORMALS) {
-            let [x, y, z] = points.normals;
-            let normals = x.iter().zip(y).zip(z);
-            let normals = normals.map(|((&x, &y), &z)| Vec3::new(x, y, z));
-            self.normals.extend(normals);
+            self.normals.push(points.normal(i).into());
         }
         if columns.has(Columns::COLORS) {
-            self.colors.extend_from_slice(points.colors);
+            self.colors.push(points.color(i));
         }
         if columns.has(Columns::CONFIDENCES) {
-            self.confidences.extend_from_slice(points.confidences);
+            self.confidences.push(points.confidence(i));
         }
     }
 

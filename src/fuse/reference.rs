@@ -5,12 +5,12 @@ use super::confident::{Confident, Rows};
 use super::consensus::Consensus;
 use super::counts::FuseCounts;
 use super::filling::{Filling, STRIP, Take};
-use super::finish::{Add, Face, Frame, Gather, Locate, Mean, Place, Room, Run};
+use super::finish::{Add, BlockPoints, Face, Frame, Gather, Locate, Mean, Place, Room, entries};
 use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
 use super::points::{Columns, Points};
-use super::rows::{Described, RowBytes};
+use super::rows::{BandBytes, add_to_rows};
 use super::rules::{Against, Bounds, Case, Court, Kept, Rule, Verdict};
 use super::samples::Samples;
 use super::sampling;
@@ -51,7 +51,7 @@ pub(super) struct Band {
     /// The points of each row, if they are not wanted as bytes.
     pub(super) rows: Vec<Points>,
     /// The same as bytes.
-    pub(super) bytes: Vec<RowBytes>,
+    pub(super) bytes: BandBytes,
     /// What became of the pixels.
     pub(super) counts: FuseCounts,
     /// Room for the band's own depths.
@@ -109,14 +109,15 @@ impl Reference<'_> {
     pub(super) fn points(&self, rows: Range<usize>, finish: &Finish<'_>, band: &mut Band) {
         band.rows.resize_with(rows.len(), Points::default);
         band.rows.iter_mut().for_each(Points::clear);
-        band.bytes.resize_with(rows.len(), RowBytes::default);
-        band.bytes.iter_mut().for_each(RowBytes::clear);
+        if let Some(columns) = finish.as_bytes {
+            let most = rows.clone().map(|row| self.samples.extent(row).len()).max();
+            band.bytes.begin(rows.len(), most.unwrap_or(0), columns);
+        }
         if rows.is_empty() {
             band.counts = FuseCounts::default();
             return;
         }
         let mut counts = FuseCounts::default();
-        let mut runs = Vec::with_capacity(BLOCK);
         let mut room = Room::new(self.sources.len());
         let own = match &self.confident {
             Some(confident) => {
@@ -131,21 +132,27 @@ impl Reference<'_> {
         let from = (own, self.kept(finish));
         self.for_each_block(rows.clone(), from, ahead, |block, seen, consensus| {
             self.place((block, seen, consensus), finish, &mut room);
-            self.judge((block, consensus), (finish, &room), &mut counts, &mut runs);
-            if runs.is_empty() {
+            let kept = self.judge((block, consensus), (finish, &room), &mut counts);
+            if kept == 0 {
                 return;
             }
-            self.describe(&runs, (block, seen), (finish, own), &mut room);
-            for run in &runs {
-                let row = block.row(run.start) - rows.start;
-                let points = self.described(run, (block, consensus), (finish, &room));
-                if let Some(columns) = finish.as_bytes {
-                    band.bytes[row].add(columns, &points);
-                    continue;
-                }
-                band.rows[row].add(finish.columns, &points);
+            self.describe(kept, (block, seen), (finish, own), &mut room);
+            let points = BlockPoints {
+                block,
+                consensus,
+                room: &room,
+                first_row: rows.start,
+                confidences: self.confidences(finish),
+                photo: self.copied_photo(finish),
+            };
+            if let Some(columns) = finish.as_bytes {
+                return add_to_rows(columns, &points, kept, &mut band.bytes);
+            }
+            for i in entries(kept) {
+                let row = &mut band.rows[points.row(i)];
+                row.add(finish.columns, &points, i);
                 if finish.columns.has(Columns::VISIBLE) {
-                    self.add_visible(run, seen, &mut band.rows[row]);
+                    self.add_visible(i, seen, row);
                 }
             }
         });
@@ -172,10 +179,7 @@ impl Reference<'_> {
         let confidences = self.confidences(finish);
         for i in (0..block.len).step_by(ASKED) {
             if let Some(photo) = photo {
-                prefetch(
-                    photo.part.values(),
-                    photo.place(block.column(i), block.row(i)),
-                );
+                prefetch(photo.part.values(), photo.place(block.at(i)));
             }
             if let Some(confidences) = confidences {
                 prefetch(confidences, block.pixel[i] as usize);
@@ -183,14 +187,13 @@ impl Reference<'_> {
         }
     }
 
-    /// Puts into `runs` which entries become points, and counts what becomes of all.
+    /// A bit for each entry that becomes a point; what becomes of all is counted.
     fn judge(
         &self,
         (block, consensus): (&Block, &Consensus),
         (finish, room): (&Finish<'_>, &Room),
         counts: &mut FuseCounts,
-        runs: &mut Vec<Run>,
-    ) {
+    ) -> u64 {
         let enough = room.enough(block.len);
         counts.inconsistent += block.len as u64 - u64::from(enough.count_ones());
         let mut kept = enough;
@@ -203,13 +206,13 @@ impl Reference<'_> {
         }
         if let Some(wanted) = finish.region {
             let agreed = kept;
-            for i in (0..block.len).filter(|i| agreed >> i & 1 == 1) {
+            for i in entries(agreed) {
                 kept &= !(u64::from(!wanted(room.position(i))) << i);
             }
             counts.outside += u64::from((agreed & !kept).count_ones());
         }
         counts.fused += u64::from(kept.count_ones());
-        room.put_runs(kept, runs);
+        kept
     }
 
     /// Calls `f` with every block of pixels that have a depth, and what the sources say, as far as it is `kept`;
@@ -309,10 +312,10 @@ impl Reference<'_> {
         }
     }
 
-    /// Finds normals and colours of the entries in `runs`.
+    /// Finds normals and colours of the entries whose bits are `kept`.
     fn describe(
         &self,
-        runs: &[Run],
+        kept: u64,
         (block, seen): (&Block, &[Seen]),
         (finish, own): (&Finish<'_>, Rows<'_>),
         room: &mut Room,
@@ -320,52 +323,28 @@ impl Reference<'_> {
         if finish.columns.has(Columns::NORMALS) {
             match &finish.normals {
                 Some(map) => {
-                    for i in runs.iter().cloned().flatten() {
+                    for i in entries(kept) {
                         let in_cam = map.values()[block.pixel[i] as usize];
                         room.set_normal(i, self.to_world(Vec3::from(in_cam)));
                     }
                 }
-                None => self.fit_normals(runs, block, (&finish.frame, own), room),
+                None => self.fit_normals(kept, block, (&finish.frame, own), room),
             }
         }
         if let (true, Some(photo)) = (finish.columns.has(Columns::COLORS), &finish.photo)
             && !self.copies_colors(photo)
         {
-            self.mix_colors(runs, (block, seen), photo, room);
+            self.mix_colors(kept, (block, seen), photo, room);
         }
     }
 
-    /// A run of entries, whose normals and colours were found.
-    fn described<'a>(
-        &'a self,
-        run: &Run,
-        (block, consensus): (&Block, &'a Consensus),
-        (finish, room): (&'a Finish<'_>, &'a Room),
-    ) -> Described<'a> {
-        let first = block.pixel[run.start] as usize;
-        let confidences = match self.confidences(finish) {
-            Some(map) => &map[first..first + run.len()],
-            None => &[1.0; BLOCK][..run.len()],
-        };
-        let mut described = room.described(run, (consensus, confidences));
-        if let (true, Some(photo)) = (finish.columns.has(Columns::COLORS), &finish.photo)
-            && self.copies_colors(photo)
-        {
-            let first = photo.place(block.column(run.start), block.row(run.start));
-            described.colors = &photo.part.values()[first..first + run.len()];
-        }
-        described
-    }
-
-    /// Adds the views that see the points of a run.
-    fn add_visible(&self, run: &Run, seen: &[Seen], points: &mut Points) {
-        for i in run.clone() {
-            points.visible_in.push(number(self.number));
-            let pairs = self.sources.iter().zip(seen);
-            let agreeing = pairs.filter(|(_, seen)| seen.agrees[i] == 1);
-            let numbers = agreeing.map(|(source, _)| number(source.number));
-            points.visible_in.extend(numbers);
-        }
+    /// Adds the views that see a point.
+    fn add_visible(&self, i: usize, seen: &[Seen], points: &mut Points) {
+        points.visible_in.push(number(self.number));
+        let pairs = self.sources.iter().zip(seen);
+        let agreeing = pairs.filter(|(_, seen)| seen.agrees[i] == 1);
+        let numbers = agreeing.map(|(source, _)| number(source.number));
+        points.visible_in.extend(numbers);
     }
 
     /// The reference's confidences, row-major.
@@ -385,16 +364,22 @@ impl Reference<'_> {
         self.options.colors == Colors::Reference && self.is_as_large(photo)
     }
 
-    /// Fits planes to the depths around the entries in `runs`; zero where there is none.
+    /// The photograph whose pixels' colours points have, if they have those.
+    fn copied_photo<'a>(&self, finish: &'a Finish<'_>) -> Option<&'a Photo> {
+        let photo = finish.photo.as_deref();
+        photo.filter(|photo| finish.columns.has(Columns::COLORS) && self.copies_colors(photo))
+    }
+
+    /// Fits planes to the depths around the entries whose bits are `kept`; zero where there is none.
     fn fit_normals(
         &self,
-        runs: &[Run],
+        kept: u64,
         block: &Block,
         (frame, own): (&Frame, Rows<'_>),
         room: &mut Room,
     ) {
         let (unit, similar) = (self.samples.unit(), self.options.similar_depth);
-        room.copy_windows(runs, block, own);
+        room.copy_windows(block, own);
         Arch::new().dispatch(Face {
             frame,
             block,
@@ -402,20 +387,10 @@ impl Reference<'_> {
             similar,
             room,
         });
-        for run in runs {
-            if room.are_whole(run) {
-                continue;
-            }
-            for i in run.clone() {
-                if room.is_whole(i) {
-                    continue;
-                }
-                let at = block.pixel[i] as usize;
-                let pixel = (at % self.samples.width(), at / self.samples.width());
-                let window = (&room.window(i), unit);
-                let gappy = normals::from_window(window, &self.view.camera, pixel, similar);
-                room.set_normal(i, gappy.map_or(Vec3::ZERO, |normal| self.to_world(normal)));
-            }
+        for i in entries(kept & !room.whole()) {
+            let window = (&room.window(i), unit);
+            let gappy = normals::from_window(window, &self.view.camera, block.at(i), similar);
+            room.set_normal(i, gappy.map_or(Vec3::ZERO, |normal| self.to_world(normal)));
         }
     }
 
@@ -428,18 +403,17 @@ impl Reference<'_> {
     /// bilinear, a source's at its nearest pixel.
     fn mix_colors(
         &self,
-        runs: &[Run],
+        kept: u64,
         (block, seen): (&Block, &[Seen]),
         photo: &Photo,
         room: &mut Room,
     ) {
         if self.is_as_large(photo) {
-            let place = |i| photo.place(block.column(i), block.row(i));
-            room.own_colors(runs, |i| photo.part.values()[place(i)]);
+            room.own_colors(kept, |i| photo.part.values()[photo.place(block.at(i))]);
         } else {
             let scale = self.scale(&photo.part);
             let center = |i: usize| DVec2::new(f64::from(block.u[i]), f64::from(block.v[i]));
-            room.own_colors(runs, |i| sampling::color(&photo.part, center(i) * scale));
+            room.own_colors(kept, |i| sampling::color(&photo.part, center(i) * scale));
         }
         if self.options.colors == Colors::Reference {
             return room.keep_colors();
@@ -459,10 +433,10 @@ impl Reference<'_> {
                 size: photo.part.size(),
                 to: (at, room),
             });
-            room.ask(at, runs, photo);
+            room.ask(at, kept, photo);
         }
         for (at, SourceImage { photo, .. }, seen) in images() {
-            room.fetch(at, runs, photo);
+            room.fetch(at, kept, photo);
             arch.dispatch(Add {
                 agrees: &seen.agrees,
                 to: (at, room),

@@ -1,5 +1,6 @@
 //! Points as rows of bytes, as a binary file has them.
 
+use super::finish::{BlockPoints, entries};
 use super::points::{Columns, Points};
 use std::ops::Range;
 
@@ -21,74 +22,8 @@ pub(super) const fn row_bytes(columns: Columns) -> usize {
     bytes
 }
 
-/// Columns of some points; those that are left out mean nothing.
-pub(super) struct Described<'a> {
-    pub(super) positions: [&'a [f64]; 3],
-    pub(super) normals: [&'a [f32]; 3],
-    pub(super) colors: &'a [[u8; 3]],
-    pub(super) view_counts: &'a [u32],
-    pub(super) confidences: &'a [f32],
-    pub(super) violations: &'a [u32],
-    pub(super) scales: &'a [f32],
-}
-
-/// Rows of bytes, whose memory is used again.
-#[derive(Default)]
-pub(super) struct RowBytes {
-    bytes: Vec<u8>,
-    used: usize,
-}
-
-impl RowBytes {
-    /// All rows.
-    pub(super) fn bytes(&self) -> &[u8] {
-        &self.bytes[..self.used]
-    }
-
-    pub(super) fn clear(&mut self) {
-        self.used = 0;
-    }
-
-    /// Adds points as [`PointSink::take_rows`](super::PointSink::take_rows) has them.
-    #[inline]
-    pub(super) fn add(&mut self, columns: Columns, points: &Described<'_>) {
-        let (start, count) = (self.used, points.view_counts.len());
-        self.used += count * row_bytes(columns);
-        if self.bytes.len() < self.used {
-            self.bytes.resize(self.used.next_power_of_two(), 0);
-        }
-        let to = &mut self.bytes[start..self.used];
-        PUT[usize::from(columns.row_bits())](points, to);
-    }
-}
-
-type Put = fn(&Described<'_>, &mut [u8]);
-
-/// By the bits of the columns, so that each has its own code, in which all places are known.
-const PUT: [Put; 16] = [
-    put::<0>, put::<1>, put::<2>, put::<3>, put::<4>, put::<5>, put::<6>, put::<7>, put::<8>,
-    put::<9>, put::<10>, put::<11>, put::<12>, put::<13>, put::<14>, put::<15>,
-];
-
-fn put<const COLUMNS: u8>(points: &Described<'_>, to: &mut [u8]) {
-    let columns = const { Columns::of_row_bits(COLUMNS) };
-    let count = points.view_counts.len();
-    let some = |wanted: Columns| if columns.has(wanted) { count } else { 0 };
-    // Their lengths are known here, so no place is checked one by one.
-    let points = Described {
-        positions: points.positions.map(|axis| &axis[..count]),
-        normals: points.normals.map(|axis| &axis[..some(Columns::NORMALS)]),
-        colors: &points.colors[..some(Columns::COLORS)],
-        view_counts: &points.view_counts[..count],
-        confidences: &points.confidences[..some(Columns::CONFIDENCES)],
-        violations: &points.violations[..some(Columns::EXTRAS)],
-        scales: &points.scales[..some(Columns::EXTRAS)],
-    };
-    put_rows(columns, &points, 0..count, to);
-}
-
 /// Points one by one.
-trait Entries {
+pub(super) trait Entries {
     fn position(&self, i: usize) -> [f64; 3];
     fn normal(&self, i: usize) -> [f32; 3];
     fn color(&self, i: usize) -> [u8; 3];
@@ -98,35 +33,98 @@ trait Entries {
     fn extras(&self, i: usize) -> (u32, f32);
 }
 
-impl Entries for Described<'_> {
-    #[inline(always)]
-    fn position(&self, i: usize) -> [f64; 3] {
-        self.positions.map(|axis| axis[i])
+/// Points of some rows of a map, as rows of bytes; the memory is used again.
+#[derive(Default)]
+pub(super) struct BandBytes {
+    bytes: Vec<u8>,
+    /// Bytes from one row of the map to the next.
+    stride: usize,
+    /// Bytes that each row of the map has.
+    used: Vec<usize>,
+}
+
+/// What is written to in turn lies so many bytes, and some pages, apart: sixteen rows have all of a cache's
+/// lines then, where whole pages apart they would share a few.
+const APART: usize = 256;
+const PAGE: usize = 4096;
+
+impl BandBytes {
+    /// Forgets all points, and makes room for up to `most` in each of so many rows of a map.
+    pub(super) fn begin(&mut self, rows: usize, most: usize, columns: Columns) {
+        self.stride = (most * row_bytes(columns)).next_multiple_of(PAGE) + APART;
+        self.used.clear();
+        self.used.resize(rows, 0);
+        let wanted = self.stride * rows;
+        if self.bytes.len() < wanted {
+            // Pages that are not touched are not made.
+            self.bytes = vec![0; wanted];
+        }
     }
 
-    #[inline(always)]
-    fn normal(&self, i: usize) -> [f32; 3] {
-        self.normals.map(|axis| axis[i])
+    /// By row of the map.
+    pub(super) fn rows(&self) -> impl Iterator<Item = &[u8]> {
+        let starts = (0..).step_by(self.stride.max(1));
+        let rows = starts.zip(&self.used);
+        rows.map(|(start, &used)| &self.bytes[start..start + used])
     }
 
+    /// Room for one more point; there is, for as many as were foreseen.
     #[inline(always)]
-    fn color(&self, i: usize) -> [u8; 3] {
-        self.colors[i]
+    fn more<const BYTES: usize>(&mut self, row: usize) -> Option<&mut [u8; BYTES]> {
+        let used = &mut self.used[row];
+        let start = row * self.stride + *used;
+        *used += BYTES;
+        self.bytes.get_mut(start..)?.first_chunk_mut()
     }
+}
 
-    #[inline(always)]
-    fn view_count(&self, i: usize) -> u32 {
-        self.view_counts[i]
-    }
+/// Adds the points whose bits are `kept` to the rows of the map in which they lie, as
+/// [`PointSink::take_rows`](super::PointSink::take_rows) has them.
+pub(super) fn add_to_rows(
+    columns: Columns,
+    points: &BlockPoints<'_>,
+    kept: u64,
+    rows: &mut BandBytes,
+) {
+    PUT[usize::from(columns.row_bits())](points, kept, rows);
+}
 
-    #[inline(always)]
-    fn confidence(&self, i: usize) -> f32 {
-        self.confidences[i]
-    }
+type Put = fn(&BlockPoints<'_>, u64, &mut BandBytes);
 
-    #[inline(always)]
-    fn extras(&self, i: usize) -> (u32, f32) {
-        (self.violations[i], self.scales[i])
+/// By the bits of the columns, so that each has its own code, in which all places are known.
+const PUT: [Put; 16] = [
+    put::<0, { bytes(0) }>,
+    put::<1, { bytes(1) }>,
+    put::<2, { bytes(2) }>,
+    put::<3, { bytes(3) }>,
+    put::<4, { bytes(4) }>,
+    put::<5, { bytes(5) }>,
+    put::<6, { bytes(6) }>,
+    put::<7, { bytes(7) }>,
+    put::<8, { bytes(8) }>,
+    put::<9, { bytes(9) }>,
+    put::<10, { bytes(10) }>,
+    put::<11, { bytes(11) }>,
+    put::<12, { bytes(12) }>,
+    put::<13, { bytes(13) }>,
+    put::<14, { bytes(14) }>,
+    put::<15, { bytes(15) }>,
+];
+
+const fn bytes(columns: u8) -> usize {
+    row_bytes(Columns::of_row_bits(columns))
+}
+
+fn put<const COLUMNS: u8, const BYTES: usize>(
+    points: &BlockPoints<'_>,
+    kept: u64,
+    rows: &mut BandBytes,
+) {
+    let columns = const { Columns::of_row_bits(COLUMNS) };
+    for i in entries(kept) {
+        if let Some(row) = rows.more::<BYTES>(points.row(i)) {
+            put_row(columns, points, i, row);
+        }
     }
 }
 
@@ -161,36 +159,37 @@ impl Points {
     ///
     /// [`PointSink::take_rows`]: super::PointSink::take_rows
     pub fn to_rows(&self, columns: Columns, some: Range<usize>, rows: &mut Vec<u8>) {
-        rows.resize(some.len() * row_bytes(columns), 0);
-        put_rows(columns, self, some, rows);
+        let bytes = row_bytes(columns);
+        rows.resize(some.len() * bytes, 0);
+        for (i, row) in some.zip(rows.chunks_exact_mut(bytes)) {
+            put_row(columns, self, i, row);
+        }
     }
 }
 
-/// Puts some points into rows of bytes.
+/// Puts a point into a row of bytes.
 #[inline(always)]
-fn put_rows(columns: Columns, points: &impl Entries, some: Range<usize>, to: &mut [u8]) {
-    for (i, mut row) in some.zip(to.chunks_exact_mut(row_bytes(columns))) {
-        let row = &mut row;
-        for value in points.position(i) {
+fn put_row(columns: Columns, points: &impl Entries, i: usize, mut row: &mut [u8]) {
+    let row = &mut row;
+    for value in points.position(i) {
+        field(row, value.to_le_bytes());
+    }
+    if columns.has(Columns::NORMALS) {
+        for value in points.normal(i) {
             field(row, value.to_le_bytes());
         }
-        if columns.has(Columns::NORMALS) {
-            for value in points.normal(i) {
-                field(row, value.to_le_bytes());
-            }
-        }
-        if columns.has(Columns::COLORS) {
-            field(row, points.color(i));
-        }
-        field(row, points.view_count(i).to_le_bytes());
-        if columns.has(Columns::CONFIDENCES) {
-            field(row, points.confidence(i).to_le_bytes());
-        }
-        if columns.has(Columns::EXTRAS) {
-            let (violations, scale) = points.extras(i);
-            field(row, violations.to_le_bytes());
-            field(row, scale.to_le_bytes());
-        }
+    }
+    if columns.has(Columns::COLORS) {
+        field(row, points.color(i));
+    }
+    field(row, points.view_count(i).to_le_bytes());
+    if columns.has(Columns::CONFIDENCES) {
+        field(row, points.confidence(i).to_le_bytes());
+    }
+    if columns.has(Columns::EXTRAS) {
+        let (violations, scale) = points.extras(i);
+        field(row, violations.to_le_bytes());
+        field(row, scale.to_le_bytes());
     }
 }
 
@@ -200,48 +199,5 @@ fn field<const N: usize>(row: &mut &mut [u8], bytes: [u8; N]) {
     if let Some((to, rest)) = std::mem::take(row).split_first_chunk_mut() {
         *to = bytes;
         *row = rest;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fuse::testing::as_bytes;
-
-    #[test]
-    fn every_choice_of_columns_has_its_rows() {
-        let axes = [[1.5, -2.5, 3.5], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
-        let normals = axes.map(|axis| axis.map(|value| value as f32 + 20.0));
-        let points = Described {
-            positions: axes.each_ref().map(|axis| axis.as_slice()),
-            normals: normals.each_ref().map(|axis| axis.as_slice()),
-            colors: &[[1, 2, 3], [4, 5, 6], [7, 8, 9]],
-            view_counts: &[70_000, 2, 3],
-            confidences: &[0.25, f32::NAN, 0.75],
-            violations: &[9, 8, 7],
-            scales: &[0.5, 1.5, 2.5],
-        };
-        let mut rows = RowBytes::default();
-        for bits in 0..16 {
-            let columns = Columns::of_row_bits(bits);
-            let mut columnwise = Points::default();
-            columnwise.add(columns, &points);
-            let expected = as_bytes(&columnwise, columns);
-            assert_eq!(expected.len(), 3 * row_bytes(columns));
-            let mut of_columns = vec![7; 5];
-            columnwise.to_rows(columns, 0..3, &mut of_columns);
-            assert_eq!(of_columns, expected);
-            columnwise.to_rows(columns, 1..2, &mut of_columns);
-            let row = row_bytes(columns);
-            assert_eq!(of_columns, expected[row..2 * row]);
-            rows.clear();
-            for _ in 0..50 {
-                // What is read by the views that see points is none of a row's.
-                rows.add(columns.and(Columns::VISIBLE), &points);
-            }
-            assert!(rows.bytes() == expected.repeat(50), "{bits}");
-        }
-        rows.clear();
-        assert!(rows.bytes().is_empty());
     }
 }

@@ -74,7 +74,7 @@ impl Photo {
     }
 
     /// The place in the part of a pixel of the whole that lies in it.
-    pub(super) fn place(&self, column: usize, row: usize) -> usize {
+    pub(super) fn place(&self, (column, row): (usize, usize)) -> usize {
         let (left, top) = (self.corner.0 as usize, self.corner.1 as usize);
         (row - top) * self.part.width() as usize + column - left
     }
@@ -126,7 +126,7 @@ mod tests {
         assert_eq!((photo.size, photo.corner), ((12, 10), (2, 2)));
         assert_eq!(photo.part.size(), (7, 7));
         for (column, row) in [(2u32, 2u32), (8, 8), (5, 4)] {
-            let found = photo.part.values()[photo.place(column as usize, row as usize)];
+            let found = photo.part.values()[photo.place((column as usize, row as usize))];
             assert_eq!(found, image.get(column, row));
         }
         let nothing = samples((12, 10)).within(vec![0..0; 10]);

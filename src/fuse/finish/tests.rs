@@ -1,9 +1,12 @@
 use super::*;
 use crate::fuse::confident::Rows;
 use crate::fuse::normals::from_depth;
+use crate::fuse::points::{Columns, Points};
+use crate::fuse::rows::{BandBytes, add_to_rows};
 use crate::fuse::samples::{Grid, Samples};
-use crate::fuse::testing::{random_view, rng, uniform};
+use crate::fuse::testing::{as_bytes, random_view, rng, uniform};
 use glam::DVec2;
+use mvs_datasets::scene::ColorImage;
 use pulp::Arch;
 
 /// A block of pixels of a 640×480 view at random depths, its consensus and what a source says.
@@ -79,7 +82,6 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
     let view = random_view(&mut random, 0);
     let frame = Frame::new(&view);
     let (block, _, _) = random_case(&mut random);
-    let runs: Vec<Run> = (0..BLOCK).map(|i| i..i + 1).collect();
     for unit in [Unit::Depth, Unit::Inverse] {
         let mut depth = |_| match uniform(&mut random, 0.0, 1.0) {
             gone if gone < 0.02 => 0.0,
@@ -90,7 +92,7 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
         let (mut plain, mut wide) = (Room::new(1), Room::new(1));
         let similar = 0.006;
         for room in [&mut plain, &mut wide] {
-            room.copy_windows(&runs, &block, Rows::all(&map));
+            room.copy_windows(&block, Rows::all(&map));
         }
         let face = |room| Face {
             frame: &frame,
@@ -102,15 +104,14 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
         face(&mut plain).with_simd(pulp::Scalar::new());
         Arch::new().dispatch(face(&mut wide));
         let mut fitted = 0;
+        assert_eq!(plain.whole(), wide.whole());
         for i in 0..BLOCK {
-            assert_eq!(plain.is_whole(i), wide.is_whole(i));
-            let pixel = (block.u[i] as usize, block.v[i] as usize);
-            if wide.is_whole(i) {
+            if wide.whole() >> i & 1 == 1 {
                 fitted += 1;
                 let normal = |room: &Room| Vec3::from(room.normal.map(|axis| axis[i]));
                 let found = normal(&wide);
                 assert_eq!(found, normal(&plain));
-                let expected = from_depth(&map, &view.camera, pixel, similar).unwrap();
+                let expected = from_depth(&map, &view.camera, block.at(i), similar).unwrap();
                 let expected = view.pose.direction_to_world(expected.as_dvec3());
                 assert!((found.as_dvec3() - expected).length() < 1e-6);
             }
@@ -119,24 +120,121 @@ fn normals_of_whole_windows_are_those_of_the_general_fit() {
     }
 }
 
-/// Runs of all lengths, gaps between them, up to the end of the block and of the map.
+/// Stretches of all lengths, gaps between them, up to the end of the block and of the map.
 #[test]
-fn windows_are_copied_run_by_run() {
-    let stored: Vec<f32> = (0..100 * 3).map(|at| at as f32 + 1.0).collect();
-    let map = Samples::new((100, 3), Unit::Depth, &stored);
-    for length in [1, 3, 15, 16, 17, 40, 64] {
-        let (mut block, mut room, mut runs) = (Block::new(), Room::new(0), Vec::new());
+fn windows_are_copied_stretch_by_stretch() {
+    let stored: Vec<f32> = (0..130 * 3).map(|at| at as f32 + 1.0).collect();
+    let map = Samples::new((130, 3), Unit::Depth, &stored);
+    let view = random_view(&mut rng(3), 0);
+    for (length, len) in [
+        (1, 64),
+        (3, 64),
+        (15, 50),
+        (16, 64),
+        (17, 64),
+        (40, 64),
+        (64, 9),
+    ] {
+        let (mut block, mut room) = (Block::new(), Room::new(0));
+        let mut column = 129 - BLOCK as u32 - (BLOCK / length) as u32;
         for i in 0..BLOCK {
-            block.push(map.grid(), 36 + i as u32, 1 + u32::from(length > 20), 1.0);
+            column += u32::from(i % length == 0);
+            block.push(map.grid(), column, 1 + u32::from(length > 20), 1.0);
+            column += 1;
         }
-        for first in (0..BLOCK).step_by(length + 1) {
-            runs.push(first..(first + length).min(BLOCK));
+        block.len = len;
+        Arch::new().dispatch(Place {
+            frame: &Frame::new(&view),
+            block: &block,
+            consensus: &Consensus::new(),
+            room: &mut room,
+        });
+        room.copy_windows(&block, Rows::all(&map));
+        for i in 0..len {
+            let (column, row) = block.at(i);
+            assert_eq!(room.window(i), map.around(column, row), "{length}");
         }
-        room.copy_windows(&runs, &block, Rows::all(&map));
-        for i in runs.iter().cloned().flatten() {
-            let around = map.around(36 + i, block.row(i));
-            assert_eq!(room.window(i), around, "{length}");
+    }
+}
+
+#[test]
+fn bits_are_numbered_in_order() {
+    for bits in [0, 1, 1 << 63, u64::MAX, 0x8000_0100_0000_0013] {
+        let expected: Vec<usize> = (0..BLOCK).filter(|i| bits >> i & 1 == 1).collect();
+        assert_eq!(entries(bits).collect::<Vec<_>>(), expected);
+    }
+    assert_eq!([0, 1, 64].map(first), [0, 1, u64::MAX]);
+}
+
+/// Every choice of columns, in the rows of a map in which the points lie.
+#[test]
+fn rows_of_bytes_are_those_of_columns() {
+    let mut random = rng(17);
+    let mut draw = || uniform(&mut random, -9.0, 9.0);
+    let (mut block, mut room, mut consensus) = (Block::new(), Room::new(0), Consensus::new());
+    for i in 0..BLOCK {
+        let row = [30, 31, 33, 30][i / 16];
+        block.push(Grid::whole(40), (i % 16) as u32 + 3, row, 1.0);
+        room.position.iter_mut().for_each(|axis| axis[i] = draw());
+        room.normal
+            .iter_mut()
+            .for_each(|axis| axis[i] = draw() as f32);
+        room.colors[i] = [i as u8, 7, 200 - i as u8];
+        room.views[i] = 70_000 + i as u32;
+        room.scale[i] = draw() as f32;
+        consensus.violations[i] = i as u32 * 3;
+    }
+    let confidences: Vec<f32> = (0..40 * 40).map(|at| at as f32).collect();
+    let pixels: Vec<[u8; 3]> = (0..40 * 40u32)
+        .map(|at| [at as u8, (at / 7) as u8, 9])
+        .collect();
+    let photo = Photo {
+        size: (40, 50),
+        corner: (2, 10),
+        part: ColorImage::from_values(40, 40, pixels).unwrap(),
+    };
+    let kept = 0xf0f1_8000_ffff_0001;
+    for (confidences, photo) in [(Some(confidences.as_slice()), Some(&photo)), (None, None)] {
+        let points = BlockPoints {
+            block: &block,
+            consensus: &consensus,
+            room: &room,
+            first_row: 30,
+            confidences,
+            photo,
+        };
+        let mut bytes = BandBytes::default();
+        for bits in 0..16 {
+            let columns = Columns::of_row_bits(bits);
+            let mut expected = vec![Points::default(); 4];
+            bytes.begin(4, 2 * 34, columns);
+            for _ in 0..2 {
+                for i in (0..BLOCK).filter(|i| kept >> i & 1 == 1) {
+                    expected[block.row[i] as usize - 30].add(columns, &points, i);
+                }
+                // What is read by the views that see points is none of a row's.
+                add_to_rows(columns.and(Columns::VISIBLE), &points, kept, &mut bytes);
+            }
+            assert_eq!(bytes.rows().count(), 4);
+            for (found, expected) in bytes.rows().zip(&expected) {
+                assert!(found == as_bytes(expected, columns), "{bits}");
+                let mut rows = vec![7; 5];
+                expected.to_rows(columns, 0..expected.len(), &mut rows);
+                assert!(found == rows, "{bits}");
+                if expected.len() > 2 {
+                    expected.to_rows(columns, 1..2, &mut rows);
+                    assert_eq!(rows, found[rows.len()..2 * rows.len()]);
+                }
+            }
+            assert_eq!(expected.iter().map(Points::len).collect::<Vec<_>>()[2], 0);
         }
+        let first = kept.trailing_zeros() as usize;
+        let color = photo.map_or([0, 7, 200], |photo| photo.part.get(3 - 2, 30 - 10));
+        assert_eq!((first, points.color(first)), (0, color));
+        let confidence = if confidences.is_some() { 1203.0 } else { 1.0 };
+        assert_eq!(points.confidence(first), confidence);
+        bytes.begin(2, 5, Columns::default());
+        assert!(bytes.rows().count() == 2 && bytes.rows().all(<[u8]>::is_empty));
     }
 }
 
@@ -191,7 +289,7 @@ fn texels_are_added_where_the_source_agrees() {
     let agrees = std::array::from_fn(|i| u32::from(i % 3 == 0));
     for room in [&mut plain, &mut wide] {
         room.texels[0] = std::array::from_fn(|i| 0x30_20_10 + i as u32);
-        room.own_colors(&[0..1, 1..4], |_| [1, 2, 3]);
+        room.own_colors(0b1111, |_| [1, 2, 3]);
     }
     let add = |room| Add {
         agrees: &agrees,
