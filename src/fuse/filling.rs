@@ -48,11 +48,11 @@ impl Filling {
     #[inline(always)]
     pub(super) fn add(&mut self, (column, row): (u32, u32), values: &[f32]) {
         let first = self.len;
+        self.row[first..first + STRIP].fill(row);
         if let Ok(values) = <&[f32; STRIP]>::try_from(values)
             && values.iter().fold(true, |all, &value| all & (value > 0.0))
         {
             self.stored[first..first + STRIP].copy_from_slice(values);
-            self.row[first..first + STRIP].fill(row);
             let columns = self.column[first..first + STRIP].iter_mut();
             for (to, column) in columns.zip(column..) {
                 *to = column;
@@ -63,7 +63,7 @@ impl Filling {
         let mut at = first;
         for (column, &value) in (column..).zip(values) {
             // What is no depth is written over by what comes next.
-            (self.column[at], self.row[at], self.stored[at]) = (column, row, value);
+            (self.column[at], self.stored[at]) = (column, value);
             at += usize::from(value > 0.0);
         }
         self.len = at;

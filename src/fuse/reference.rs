@@ -93,12 +93,11 @@ impl Reference<'_> {
                 for (fused, (depth, delta)) in fused.iter_mut().zip(depths) {
                     *fused = unit.convert(depth + delta);
                 }
-                for i in 0..block.len {
-                    if consensus.enough[i] {
-                        stored[block.place[i] as usize - first] = fused[i];
-                    } else {
-                        counts.inconsistent += 1;
-                    }
+                // Each is written once, over a zero, so nothing hangs on which.
+                let entries = fused.iter().zip(&consensus.enough).zip(&block.place);
+                for ((&fused, &enough), &place) in entries.take(block.len) {
+                    stored[place as usize - first] = if enough { fused } else { 0.0 };
+                    counts.inconsistent += u64::from(!enough);
                 }
             },
         );
@@ -110,8 +109,8 @@ impl Reference<'_> {
         band.rows.resize_with(rows.len(), Points::default);
         band.rows.iter_mut().for_each(Points::clear);
         if let Some(columns) = finish.as_bytes {
-            let most = rows.clone().map(|row| self.samples.extent(row).len()).max();
-            band.bytes.begin(rows.len(), most.unwrap_or(0), columns);
+            let most = self.samples.columns().len();
+            band.bytes.begin(rows.len(), most, columns);
         }
         if rows.is_empty() {
             band.counts = FuseCounts::default();
