@@ -11,6 +11,7 @@ use super::taps::{Look, Looks};
 
 /// What the sources together say about a block.
 #[derive(Debug)]
+#[repr(C, align(64))]
 pub(super) struct Consensus {
     /// Sources that agree.
     pub(super) count: [u32; BLOCK],

@@ -26,8 +26,11 @@ use mvs_datasets::scene::View;
 pub(super) const BLOCK: usize = 64;
 
 /// Reference pixels to test, their depths known. Entries from `len` on are harmless.
+///
+/// As all that the loop goes over, laid out so that vectors of entries begin where cache lines do: the widest are
+/// as long as a line, and each would be fetched from two.
+#[repr(C, align(64))]
 pub(super) struct Block {
-    pub(super) len: usize,
     /// Index of the pixel in its map, row-major.
     pub(super) pixel: [u32; BLOCK],
     /// Its index in the bordered map.
@@ -39,6 +42,7 @@ pub(super) struct Block {
     pub(super) v: [f32; BLOCK],
     /// z-depth, > 0.
     pub(super) depth: [f32; BLOCK],
+    pub(super) len: usize,
 }
 
 impl Block {
@@ -83,6 +87,7 @@ impl Block {
 
 /// What one source says about a block.
 #[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(64))]
 pub(super) struct Seen {
     /// Where the hypothesis projects to, in the source's continuous image coordinates shifted by
     /// half a pixel (so that whole numbers are pixel centres of the bordered map); if that is kept.
@@ -126,6 +131,7 @@ pub(super) struct Pair {
 }
 
 /// The four pixels of the source around each position.
+#[repr(C, align(64))]
 pub(super) struct Footprint {
     /// z-depth of the hypothesis in the source; 0 where it does not project into the map.
     pub(super) z: [f32; BLOCK],

@@ -9,7 +9,13 @@ use super::kernel::{BLOCK, Block, Footprint, Seen};
 use super::samples::Samples;
 
 /// A block as seen from one of its points, the anchor, where it is small enough for that.
+#[repr(C, align(64))]
 pub(super) struct Near {
+    /// Depth times coordinates relative to the anchor.
+    du: [f32; BLOCK],
+    dv: [f32; BLOCK],
+    /// Depth minus the anchor's.
+    dd: [f32; BLOCK],
     /// Whether it is.
     fits: bool,
     /// The anchor: continuous image coordinates and depth.
@@ -18,11 +24,6 @@ pub(super) struct Near {
     reach: [f32; 2],
     /// The least and the largest depth minus the anchor's, and the largest depth.
     depths: [f32; 3],
-    /// Depth times coordinates relative to the anchor.
-    du: [f32; BLOCK],
-    dv: [f32; BLOCK],
-    /// Depth minus the anchor's.
-    dd: [f32; BLOCK],
 }
 
 /// Pixels from the anchor up to which a block is small.

@@ -22,6 +22,7 @@ pub(super) enum Taps {
 }
 
 /// What is sampled of one source, used again for the next.
+#[repr(C, align(64))]
 pub(super) struct Sampled {
     /// Left and right of the upper pixels, and of the lower ones.
     four: [[f32; 4]; BLOCK],
