@@ -194,7 +194,9 @@ impl Pair {
             None => self.project_widely::<KEPT>(block, source, seen, to),
         }
         to.any = to.z.iter().fold(false, |any, &z| any | (z > 0.0));
-        for &first in to.index.iter().step_by(ASKED) {
+        // All of them: one in two let more of the others wait than it saved, a twenty-fifth of the loop at
+        // 1920x1080.
+        for &first in &to.index {
             prefetch(source.values(), first as usize);
             prefetch(source.values(), first as usize + source.stride());
         }
@@ -252,9 +254,6 @@ impl Pair {
         }
     }
 }
-
-/// One in so many positions is asked for: its neighbours in a row lie in the same cache line or near.
-const ASKED: usize = 2;
 
 /// 2^52: adding and subtracting it rounds an f64 below it to a whole number.
 const ROUND: f64 = 4_503_599_627_370_496.0;
