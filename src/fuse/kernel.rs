@@ -15,7 +15,7 @@
 )]
 
 use super::geometry::PairGeometry;
-use super::near::{Near, Relative, WIDEST};
+use super::near::{Near, Relative};
 #[cfg(test)]
 use super::samples::Grid;
 use super::samples::Samples;
@@ -179,19 +179,20 @@ impl Pair {
         }
     }
 
-    /// Source depths and the four pixels, which are asked for; and positions, if they are `KEPT`.
+    /// Source depths and the four pixels, which are asked for; and positions, if they are `KEPT`. The block was
+    /// set up in this source as `relative`'s number k.
     #[inline(always)]
     pub(super) fn project<const KEPT: bool>(
         &self,
-        (block, near): (&Block, &Near),
+        (block, near, (relative, k)): (&Block, &Near, (&Relative, usize)),
         source: &Samples,
         seen: &mut Seen,
         to: &mut Footprint,
     ) {
-        let small = source.width().max(source.height()) <= WIDEST;
-        match Relative::new(&self.columns, near).filter(|_| small) {
-            Some(relative) => relative.project::<KEPT>(near, source, seen, to),
-            None => self.project_widely::<KEPT>(block, source, seen, to),
+        if relative.fits(k) {
+            relative.project::<KEPT>(k, (near, source.stride()), seen, to);
+        } else {
+            self.project_widely::<KEPT>(block, source, seen, to);
         }
         to.any = to.z.iter().fold(false, |any, &z| any | (z > 0.0));
         // All of them: one in two let more of the others wait than it saved, a twenty-fifth of the loop at

@@ -240,7 +240,7 @@ impl Reference<'_> {
             kept,
             sources: &sources,
         };
-        let mut verdict = Verdict::new(sources.len(), kept);
+        let mut verdict = Verdict::new(&sources, kept);
         let arch = Arch::new();
         let mut block = Block::new();
         let mut finish = |filling: &mut Filling| {

@@ -7,7 +7,7 @@
 
 use super::consensus::{Consensus, Errors, median};
 use super::kernel::{BLOCK, Block, Footprint, Pair, Seen};
-use super::near::Near;
+use super::near::{ABREAST, Abreast, Near, Relative};
 use super::options::{FuseMode, FuseOptions, Sampling};
 use super::samples::Samples;
 use super::taps::{Looks, PlainLooks, Sampled, Sight, Taps, ValidLooks};
@@ -136,19 +136,30 @@ pub(super) struct Verdict {
     /// In turn of the sources that are being looked at.
     footprints: Vec<Footprint>,
     near: Near,
+    /// The sources by so many, and where a block lies in each.
+    abreast: Vec<(Abreast, Relative)>,
     /// Of the source being looked at, and of the next.
     sampled: [Sampled; 2],
     pub(super) consensus: Consensus,
 }
 
 impl Verdict {
-    pub(super) fn new(sources: usize, kept: Kept) -> Self {
-        let told = if kept == Kept::Nothing { 1 } else { sources };
+    /// For blocks before a court with these sources.
+    pub(super) fn new(sources: &[Against<'_>], kept: Kept) -> Self {
+        let told = match kept {
+            Kept::Nothing => 1,
+            _ => sources.len(),
+        };
+        let abreast = |some: &[Against<'_>]| {
+            let some = some.iter().map(|source| (source.pair, source.samples));
+            (Abreast::new(some), Relative::new())
+        };
         Self {
             seen: vec![Seen::new(); told],
-            sorted: vec![[0.0; BLOCK]; sources + 1],
+            sorted: vec![[0.0; BLOCK]; sources.len() + 1],
             footprints: (0..LOOKED_AT).map(|_| Footprint::new()).collect(),
             near: Near::new(),
+            abreast: sources.chunks(ABREAST).map(abreast).collect(),
             sampled: [Sampled::new(), Sampled::new()],
             consensus: Consensus::new(),
         }
@@ -182,11 +193,15 @@ impl WithSimd for Case<'_> {
             sorted,
             footprints,
             near,
+            abreast,
             sampled,
             consensus,
         } = verdict;
         consensus.begin(court.rule, court.soften);
         near.fill(block);
+        for (sources, relative) in &mut *abreast {
+            relative.fill(near, sources);
+        }
         let (told, turns) = (seen.len(), footprints.len());
         let sources = court.sources;
         // Which footprint is a step's, and which those of the two before. (Not by remainders: divisions are slow.)
@@ -200,7 +215,8 @@ impl WithSimd for Case<'_> {
             if let Some(source) = sources.get(step) {
                 let to = &mut footprints[turn[0]];
                 let seen = &mut seen[if told == 1 { 0 } else { step }];
-                let from = (block, &*near);
+                let relative = &abreast[step / ABREAST].1;
+                let from = (block, &*near, (relative, step % ABREAST));
                 match court.kept {
                     Kept::Positions => source.pair.project::<true>(from, source.samples, seen, to),
                     _ => source.pair.project::<false>(from, source.samples, seen, to),

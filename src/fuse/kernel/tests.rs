@@ -73,7 +73,9 @@ fn looked(
     let (mut seen, mut footprint) = (Seen::new(), Footprint::new());
     let (mut near, mut sampled) = (Near::new(), Sampled::new());
     near.fill(block);
-    pair.project::<true>((block, &near), map, &mut seen, &mut footprint);
+    let relative = Relative::alone(&near, (pair, map));
+    let from = (block, &near, (&relative, 0));
+    pair.project::<true>(from, map, &mut seen, &mut footprint);
     sampled.fetch((map, taps), &footprint);
     let bounds = &Bounds::new(reference, &FuseOptions::default());
     let errors = Errors {
@@ -183,9 +185,13 @@ fn in_very_wide_maps_pixels_are_found_in_f64() {
     let pair = Pair::new(&view, &view);
     let mut near = Near::new();
     near.fill(&block);
-    assert!(Relative::new(&pair.columns, &near).is_some());
+    let narrow = Samples::new((640, 1), Unit::Depth, &[0.0; 640]);
+    assert!(Relative::alone(&near, (&pair, &narrow)).fits(0));
+    let relative = Relative::alone(&near, (&pair, &samples));
+    assert!(!relative.fits(0));
     let (mut seen, mut found) = (Seen::new(), Footprint::new());
-    pair.project::<false>((&block, &near), &samples, &mut seen, &mut found);
+    let from = (&block, &near, (&relative, 0));
+    pair.project::<false>(from, &samples, &mut seen, &mut found);
     let mut expected = Footprint::new();
     pair.project_widely::<false>(&block, &samples, &mut seen, &mut expected);
     assert_eq!(found.index, expected.index);

@@ -6,9 +6,9 @@ use glam::DVec3;
 use pulp::Arch;
 
 /// With all that is said kept, and where the block lies in each source.
-fn complete(sources: usize) -> Verdict {
+fn complete(sources: &[Against<'_>]) -> Verdict {
     Verdict {
-        footprints: (0..sources).map(|_| Footprint::new()).collect(),
+        footprints: sources.iter().map(|_| Footprint::new()).collect(),
         ..Verdict::new(sources, Kept::Positions)
     }
 }
@@ -228,7 +228,8 @@ fn blocks(estimate: &Estimate) -> Vec<Block> {
 fn every_instruction_set_gives_the_same_bits() {
     let plane = Plane::tilted();
     let surface = |view: &View, pixel| plane.depth(view, pixel);
-    let mut estimates = arc(6, (160, 120), DVec3::ZERO, surface);
+    // More sources than are set up abreast.
+    let mut estimates = arc(2 + ABREAST, (160, 120), DVec3::ZERO, surface);
     for (index, estimate) in estimates.iter_mut().enumerate() {
         spoil(estimate, index as u64, 2e-3, 0.05, 12);
     }
@@ -265,7 +266,7 @@ fn every_instruction_set_gives_the_same_bits() {
             sources: &sources,
         };
         for block in &blocks(own) {
-            let [mut plain, mut eight, mut wide] = [5; 3].map(complete);
+            let [mut plain, mut eight, mut wide] = [&sources; 3].map(|sources| complete(sources));
             let case = |verdict| Case {
                 court,
                 block,
@@ -280,7 +281,7 @@ fn every_instruction_set_gives_the_same_bits() {
                 if (rule, kept) == (Rule::Median, Kept::Nothing) {
                     continue; // which sorts what is kept
                 }
-                let mut less = Verdict::new(5, kept);
+                let mut less = Verdict::new(&sources, kept);
                 Arch::new().dispatch(Case {
                     court: Court { kept, ..court },
                     block,
@@ -316,9 +317,19 @@ fn by_avx2<W: WithSimd>(work: W) -> W::Output {
 
 #[test]
 fn the_median_is_the_middle_value_and_of_an_even_number_the_smaller_middle_one() {
+    let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
+    let estimates = arc(2, (8, 6), DVec3::ZERO, surface);
+    let options = FuseOptions::default();
+    let (pair, samples, disparity) =
+        &prepared((&estimates[0], &estimates[1]), Unit::Depth, &options);
+    let source = Against {
+        pair,
+        samples,
+        disparity: *disparity,
+    };
     let sizes = [3, 4, 5, 8, 10, 13];
     for (sources, agreeing) in sizes.into_iter().flat_map(|n| (0..=n).map(move |k| (n, k))) {
-        let mut verdict = complete(sources);
+        let mut verdict = complete(&vec![source; sources]);
         let mut wanted = Vec::new();
         for i in 0..BLOCK {
             let mut values = vec![0.0f32];
