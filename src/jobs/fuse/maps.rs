@@ -423,9 +423,15 @@ impl FolderMaps<'_> {
         if found == expected {
             return Ok(());
         }
+        let depth = &self.entries[index].depth;
         let problem = format!(
-            "expected the depth map's size {}x{}, found {}x{}",
-            expected.0, expected.1, found.0, found.1
+            "expected the size of its depth map {}, which is {}x{}, found {}x{}: one of the two is of \
+             another size",
+            depth.display(),
+            expected.0,
+            expected.1,
+            found.0,
+            found.1
         );
         Err(Error::invalid(path.display().to_string(), problem))
     }
