@@ -1,9 +1,11 @@
 //! Reading meshes for a job.
 
 use super::Context;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::parallel;
+use glam::DVec3;
 use mvs_datasets::layout::mesh::{self, LoadedMesh, ReadOptions};
+use mvs_datasets::scene::Mesh;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -37,5 +39,27 @@ pub fn read_mesh(
     for note in &loaded.notes {
         context.warnings.add("mesh", note.clone());
     }
+    check_surface(&loaded.mesh, paths)?;
     Ok(loaded)
+}
+
+/// Refuses a mesh in which nothing is to be seen, as where positions were rounded to few digits.
+fn check_surface(mesh: &Mesh, paths: &[PathBuf]) -> Result<()> {
+    let has_area = |triangle| {
+        let [a, b, c] = mesh.corners(triangle);
+        (b - a).cross(c - a) != DVec3::ZERO
+    };
+    let count = mesh.triangles().len();
+    if count == 0 || (0..count).any(has_area) {
+        return Ok(()); // a mesh without triangles is refused as such
+    }
+    let names: Vec<String> = paths
+        .iter()
+        .map(|path| path.display().to_string())
+        .collect();
+    let problem = format!(
+        "expected a surface, found {count} triangles without an area: all of their corners coincide or lie \
+         on a line"
+    );
+    Err(Error::invalid(names.join(", "), problem))
 }

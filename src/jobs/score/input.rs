@@ -24,8 +24,8 @@ pub(super) const RECONSTRUCTION: &str = "reconstruction";
 pub(super) enum Surface {
     /// Points.
     Cloud(FinitePoints),
-    /// Triangles.
-    Mesh(Box<Mesh>),
+    /// Triangles, and the file they are from.
+    Mesh(Box<Mesh>, PathBuf),
 }
 
 impl Surface {
@@ -37,12 +37,15 @@ impl Surface {
         tau: f64,
         seed: u64,
     ) -> Result<(FinitePoints, Option<Gate>)> {
-        let mesh = match self {
+        let (mesh, path) = match self {
             Self::Cloud(points) => return Ok((points, None)),
-            Self::Mesh(mesh) => mesh,
+            Self::Mesh(mesh, path) => (mesh, path),
         };
         let spacing = SCALE_MARGIN * tau / 2.0;
-        let points = sample::points_of(&mesh, how, spacing, seed)?;
+        let points = sample::points_of(&mesh, how, spacing, seed).map_err(|error| match error {
+            Error::Invalid { problem, .. } => Error::invalid(path.display().to_string(), problem),
+            error => error,
+        })?;
         let gate = (how != MeshAs::Area)
             .then(|| gates::of_mesh(sample::coarse_fraction(&mesh, tau), &how.to_string()));
         Ok((FinitePoints::new(points), gate))
@@ -59,7 +62,7 @@ pub(super) fn read(path: &Path, side: &str, warnings: &Warnings) -> Result<Surfa
     for note in loaded.notes {
         warnings.add("mesh", note);
     }
-    Ok(Surface::Mesh(Box::new(loaded.mesh)))
+    Ok(Surface::Mesh(Box::new(loaded.mesh), path.to_path_buf()))
 }
 
 /// Whether a file holds triangles.

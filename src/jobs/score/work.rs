@@ -221,7 +221,7 @@ impl<'a> Work<'a> {
             input::RECONSTRUCTION,
             &self.warnings,
         )?;
-        let Surface::Mesh(_) = &surface else {
+        let Surface::Mesh(..) = &surface else {
             return Ok((self.points_of(surface, 1.0)?.0, None, None));
         };
         let (points, gate) = self.points_of(surface, scale()?)?;
@@ -234,7 +234,7 @@ impl<'a> Work<'a> {
         path: &Path,
     ) -> Result<(FinitePoints, Option<MeshAs>, Option<Gate>)> {
         let surface = input::read(path, "truth", &self.warnings)?;
-        let how = matches!(surface, Surface::Mesh(_)).then_some(self.job.mesh_as);
+        let how = matches!(surface, Surface::Mesh(..)).then_some(self.job.mesh_as);
         if let Some(how) = how {
             let file = path.display();
             let message = format!("{file}: the truth is a mesh, turned into points by {how}");
