@@ -27,7 +27,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// The user interrupted the work.
-    #[error("interrupted; what was finished is kept")]
+    #[error("interrupted")]
     Interrupted,
 }
 

@@ -1,4 +1,4 @@
-use super::common::{Global, Verdict, resolve, with_context};
+use super::common::{self, Global, Left, Verdict, resolve, with_context_leaving};
 use super::output::{answer, table};
 use clap::Args;
 use mvs_eval::jobs::augment::{self, AugmentJob};
@@ -20,7 +20,7 @@ pub(crate) struct AugmentArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// What is drawn follows from this and the view (default 0)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = common::seed)]
     seed: Option<u64>,
 }
 
@@ -29,7 +29,7 @@ pub(crate) fn run(args: &AugmentArgs, global: &Global) -> anyhow::Result<Verdict
 }
 
 pub(crate) fn execute(job: &AugmentJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| augment::run(job, context))?;
+    let outcome = with_context_leaving(Left::Files, global, |context| augment::run(job, context))?;
     answer(global.format, &outcome, || {
         let mut table = table(&["image", "first", "then", "then"]);
         for image in &outcome.images {

@@ -1,4 +1,4 @@
-use super::common::{Global, Verdict, resolve, with_context};
+use super::common::{Global, Left, Verdict, resolve, with_context_leaving};
 use super::output::{answer, table};
 use clap::{Args, ValueEnum};
 use mvs_eval::jobs::blend::{self, BlendJob};
@@ -59,7 +59,7 @@ pub(crate) fn run(args: &BlendArgs, global: &Global) -> anyhow::Result<Verdict> 
 }
 
 pub(crate) fn execute(job: &BlendJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| blend::run(job, context))?;
+    let outcome = with_context_leaving(Left::Files, global, |context| blend::run(job, context))?;
     answer(global.format, &outcome, || {
         let mut table = table(&["image", "size", "|render − photo|", "|blended − photo|"]);
         for image in &outcome.images {

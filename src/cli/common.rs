@@ -4,9 +4,9 @@ use super::bars::{Bars, INTERRUPTED};
 use super::output;
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
-use mvs_eval::config;
 use mvs_eval::jobs::Context;
 use mvs_eval::warning::Warnings;
+use mvs_eval::{Error, config};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
@@ -85,8 +85,45 @@ pub(crate) fn resolve<T: DeserializeOwned>(
     Ok(config::resolve(layers)?)
 }
 
-/// Runs a job with progress and warnings on stderr.
+/// What an interrupted run leaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Left {
+    /// Nothing: results get their names when all of them is there.
+    Nothing,
+    /// Files of a result that is not marked as finished.
+    Files,
+    /// Views that need not be made again.
+    Views,
+}
+
+impl Left {
+    fn sentence(self) -> &'static str {
+        match self {
+            Self::Nothing => {
+                "interrupted; nothing of this run is kept, and a result from before is as it was"
+            }
+            Self::Files => {
+                "interrupted; what was written stays, but is no finished result: the same command makes \
+                 all of it again"
+            }
+            Self::Views => {
+                "interrupted; finished views are kept: the same command goes on from there"
+            }
+        }
+    }
+}
+
+/// Runs a job that leaves nothing when it is interrupted, with progress and warnings on stderr.
 pub(crate) fn with_context<T>(
+    global: &Global,
+    job: impl FnOnce(&Context<'_>) -> mvs_eval::Result<T>,
+) -> anyhow::Result<T> {
+    with_context_leaving(Left::Nothing, global, job)
+}
+
+/// Runs a job with progress and warnings on stderr.
+pub(crate) fn with_context_leaving<T>(
+    left: Left,
     global: &Global,
     job: impl FnOnce(&Context<'_>) -> mvs_eval::Result<T>,
 ) -> anyhow::Result<T> {
@@ -100,7 +137,16 @@ pub(crate) fn with_context<T>(
     let outcome = job(&context);
     bars.finish();
     output::say_warnings(&warnings.sorted());
-    Ok(outcome?)
+    outcome.map_err(|error| match error {
+        Error::Interrupted => anyhow::Error::msg(left.sentence()),
+        error => error.into(),
+    })
+}
+
+/// A seed: what a record can hold, whose numbers are signed.
+pub(crate) fn seed(text: &str) -> Result<u64, String> {
+    let read = text.parse().ok().filter(|seed| *seed <= i64::MAX as u64);
+    read.ok_or_else(|| format!("expected a whole number from 0 to {}", i64::MAX))
 }
 
 /// Runs `work` on at most `threads` threads.

@@ -1,4 +1,4 @@
-use super::common::{Global, Verdict, resolve, with_context};
+use super::common::{self, Global, Left, Verdict, resolve, with_context_leaving};
 use super::output::{answer, say, table};
 use clap::Args;
 use mvs_eval::config::Size;
@@ -17,7 +17,7 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Seed of everything drawn
-    #[arg(long)]
+    #[arg(long, value_name = "N", value_parser = common::seed)]
     seed: Option<u64>,
     /// Number of cameras [default: 12]
     #[arg(long, value_name = "N")]
@@ -35,7 +35,7 @@ pub(crate) fn run(args: &DemoArgs, global: &Global) -> anyhow::Result<Verdict> {
 }
 
 pub(crate) fn execute(job: &DemoJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| demo::run(job, context))?;
+    let outcome = with_context_leaving(Left::Views, global, |context| demo::run(job, context))?;
     answer(global.format, &outcome, || {
         let mut table = table(&["", "precision", "recall", "F-score"]);
         let row = |name: &str, values: [f64; 3]| {

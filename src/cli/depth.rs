@@ -1,4 +1,4 @@
-use super::common::{Global, Verdict, resolve, with_context};
+use super::common::{Global, Left, Verdict, resolve, with_context_leaving};
 use super::output::{answer, table};
 use clap::Args;
 use mvs_eval::jobs::depth::{self, DepthJob};
@@ -41,7 +41,7 @@ pub(crate) fn run(args: &DepthArgs, global: &Global) -> anyhow::Result<Verdict> 
 }
 
 pub(crate) fn execute(job: &DepthJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| depth::run(job, context))?;
+    let outcome = with_context_leaving(Left::Files, global, |context| depth::run(job, context))?;
     answer(global.format, &outcome, || {
         let mut header = vec!["view"];
         header.extend(DepthScores::NAMES);

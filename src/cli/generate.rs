@@ -1,5 +1,5 @@
 use super::blend::BlendFlags;
-use super::common::{Centre, Global, Verdict, resolve, with_context};
+use super::common::{Centre, Global, Left, Verdict, resolve, with_context_leaving};
 use super::output::{answer, table};
 use super::render::{CameraFlags, MeshFlags, RenderFlags};
 use anyhow::Context as _;
@@ -175,7 +175,9 @@ pub(crate) fn execute(job: &GenerateJob, global: &Global) -> anyhow::Result<Verd
 }
 
 fn execute_part(job: &GenerateJob, part: Part, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| generate::run(job, part, context))?;
+    let outcome = with_context_leaving(Left::Views, global, |context| {
+        generate::run(job, part, context)
+    })?;
     answer(global.format, &outcome, || {
         let mut table = table(&["scene", "views"]);
         for set in &outcome.sets {
@@ -197,7 +199,7 @@ fn run_all(
         "expected no --config beside --manifest: put shared options under [defaults]"
     );
     let flags = config::layer_of(args).context("flags")?;
-    let outcome = with_context(global, |context| {
+    let outcome = with_context_leaving(Left::Views, global, |context| {
         generate_all::run(manifest, &flags, part, context)
     })?;
     answer(global.format, &outcome, || {

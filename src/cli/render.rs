@@ -1,4 +1,4 @@
-use super::common::{Centre, Global, Verdict, resolve, with_context};
+use super::common::{Centre, Global, Left, Verdict, resolve, with_context_leaving};
 use super::output::{answer, table};
 use clap::{Args, ValueEnum};
 use mvs_eval::config::Size;
@@ -107,7 +107,7 @@ pub(crate) fn run(args: &RenderArgs, global: &Global) -> anyhow::Result<Verdict>
 }
 
 pub(crate) fn execute(job: &RenderJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| render::run(job, context))?;
+    let outcome = with_context_leaving(Left::Files, global, |context| render::run(job, context))?;
     answer(global.format, &outcome, || as_table(&outcome))?;
     Ok(Verdict::Passed)
 }

@@ -1,4 +1,4 @@
-use super::common::{Global, Verdict, resolve, with_context};
+use super::common::{self, Global, Left, Verdict, resolve, with_context, with_context_leaving};
 use super::output::{answer, pairs, table};
 use clap::{Args, ValueEnum};
 use mvs_eval::jobs::score::{self, ScoreDocument, ScoreJob};
@@ -86,7 +86,7 @@ pub(crate) struct ScoreArgs {
     #[arg(long, value_name = "H")]
     voxel: Option<f64>,
     /// Seed of everything drawn (default 0)
-    #[arg(long)]
+    #[arg(long, value_name = "N", value_parser = common::seed)]
     seed: Option<u64>,
     /// Which points stand for a mesh: `area` (default, at least one per (τ/2)²), `vertices` or
     /// `centroids`
@@ -145,7 +145,8 @@ pub(crate) fn run(args: &ScoreArgs, global: &Global) -> anyhow::Result<Verdict> 
 
 pub(crate) fn execute(job: &ScoreJob, global: &Global) -> anyhow::Result<Verdict> {
     if job.all.is_some() {
-        let outcome = with_context(global, |context| score_all::run(job, context))?;
+        let outcome =
+            with_context_leaving(Left::Files, global, |context| score_all::run(job, context))?;
         answer(global.format, &outcome, || batch_table(&outcome))?;
         return Ok(Verdict::failed_if(outcome.not_ok > 0));
     }

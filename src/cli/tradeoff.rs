@@ -1,4 +1,4 @@
-use super::common::{Centre, Global, Verdict, resolve, with_context};
+use super::common::{self, Centre, Global, Verdict, resolve, with_context};
 use super::output::{answer, table};
 use clap::Args;
 use mvs_eval::config::Size;
@@ -70,7 +70,7 @@ pub(crate) struct TradeoffArgs {
     #[arg(long)]
     repeats: Option<u32>,
     /// Seed of the queries that are drawn (default 0)
-    #[arg(long)]
+    #[arg(long, value_name = "N", value_parser = common::seed)]
     seed: Option<u64>,
     /// The folder to write
     #[arg(long, value_name = "DIR")]

@@ -350,3 +350,64 @@ fn views_that_see_nothing_are_named_in_one_warning() {
         warnings[0]
     );
 }
+
+/// Runs a command, presses Ctrl-C as soon as it says something, and returns what it said.
+#[cfg(unix)]
+fn interrupted(arguments: &[&str]) -> String {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+    let mut child = Command::new(assert_cmd::cargo::cargo_bin!("mvs-eval"))
+        .args(arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = String::new();
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    stderr.read_line(&mut said).unwrap();
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args(["-INT", &id]).status().unwrap();
+    assert!(sent.success());
+    stderr.read_to_string(&mut said).unwrap();
+    assert_eq!(
+        child.wait().unwrap().code(),
+        Some(2),
+        "{arguments:?}: {said}"
+    );
+    said
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_command_says_what_is_left_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    for index in 0..60 {
+        let grey = ColorImage::filled(400, 300, [90; 3]).unwrap();
+        let file = path(&format!("images/{index}.png"));
+        write_atomically(&file, |out| image::write_png(out, &grey)).unwrap();
+    }
+    let (images, out, demo) = (path("images"), path("out"), path("demo"));
+    let augment = ["augment", "--images", text(&images), "--out", text(&out)];
+    for (arguments, expected) in [
+        (
+            &augment[..],
+            "what was written stays, but is no finished result",
+        ),
+        (&["demo", "--out", text(&demo)], "finished views are kept"),
+        (
+            &["extremes", "--out", text(&path("extremes"))],
+            "nothing of this run is kept, and a result from before is as it was",
+        ),
+    ] {
+        let said = interrupted(arguments);
+        assert!(
+            said.contains(&format!("error: interrupted; {expected}")),
+            "{arguments:?}: {said}"
+        );
+    }
+    assert!(!out.join("run.toml").exists() && !path("extremes/run.toml").exists());
+    // It is true: the same command makes the rest.
+    let output = mvs_eval(&augment);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+}

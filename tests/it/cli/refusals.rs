@@ -118,7 +118,14 @@ fn depth_and_confidence_of_different_size_and_missing_depths_are_named() {
         text(&out),
     ];
     let with_confidence = [&arguments[..], &["--confidence", text(&confidence)]].concat();
-    assert_refused(&with_confidence, &["00000000.pfm", "40x30", "20x15"]);
+    let at_fault = format!(
+        "depth map {}, which is 40x30",
+        depths.join("00000000.pfm").display()
+    );
+    assert_refused(
+        &with_confidence,
+        &["confidence/00000000.pfm", &at_fault, "20x15"],
+    );
     let nothing = path("cams");
     let arguments = [
         "fuse",
@@ -244,6 +251,55 @@ fn a_negative_value_is_refused_by_its_own_name() {
         text(&out),
     ];
     assert_refused(&arguments, &["tolerance", "-1"]);
+}
+
+#[test]
+fn seeds_that_no_record_can_hold_are_refused_with_the_range() {
+    let range = "expected a whole number from 0 to 9223372036854775807";
+    for command in ["augment", "score", "demo", "tradeoff"] {
+        for seed in ["18446744073709551616", "9223372036854775808", "-1", "1.5"] {
+            assert_refused(&[command, "--seed", seed], &[seed, "--seed", range]);
+        }
+    }
+}
+
+#[test]
+fn meshes_without_an_area_are_named() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    let flat = path("flat.obj");
+    let (cams, photos, out) = (path("cams"), path("photos"), path("out"));
+    write(&path("cloud.ply"), points_as_ply(&["0 0 0", "1 0 0"]));
+    let grey = ColorImage::filled(40, 30, [90; 3]).unwrap();
+    write_atomically(&photos.join("00000000.png"), |out| {
+        image::write_png(out, &grey)
+    })
+    .unwrap();
+    let cloud = path("cloud.ply");
+    for corners in ["1 1 1\nv 1 1 1\nv 1 1 1", "0 0 2\nv 1 1 2\nv 3 3 2"] {
+        write(&flat, format!("v {corners}\nf 1 2 3\n"));
+        let said = ["flat.obj: expected a surface, found 1 triangles without an area"];
+        assert_refused(&render_arguments(&flat, &cams, &out), &said);
+        let seen = ["--mesh", text(&flat), "--cameras", text(&cams), "--out"];
+        let generate = ["generate", "--photos", text(&photos), text(&out)];
+        assert_refused(&[&generate[..3], &seen, &generate[3..]].concat(), &said);
+        let pairs = path("pair.txt");
+        assert_refused(&[&["pairs"], &seen[..], &[text(&pairs)]].concat(), &said);
+        for (truth, reconstruction) in [(&flat, &cloud), (&cloud, &flat)] {
+            let score = [
+                "score",
+                "--truth",
+                text(truth),
+                "--reconstruction",
+                text(reconstruction),
+                "--tau",
+                "0.1",
+                "--out",
+                text(&out),
+            ];
+            assert_refused(&score, &said);
+        }
+    }
 }
 
 #[test]
