@@ -187,6 +187,11 @@ pub(crate) fn turned_warning(paths: &[&Path]) -> Option<Warning> {
     let turned: Vec<(&Path, u8)> = (paths.iter().zip(turned))
         .filter_map(|(path, orientation)| Some((*path, orientation?)))
         .collect();
+    warning_of_turned(&turned)
+}
+
+/// The same, where the turned ones and their EXIF orientations are known.
+pub(crate) fn warning_of_turned(turned: &[(&Path, u8)]) -> Option<Warning> {
     let (first, orientation) = turned.first()?;
     let message = format!(
         "{} photographs say by EXIF that they are to be turned before they are shown; pixels are \
@@ -212,6 +217,13 @@ pub(crate) fn orientation_of(path: &Path) -> Option<u8> {
     };
     let orientation = read(HEAD).or_else(|| read(u64::MAX))?;
     (orientation != 1).then_some(orientation)
+}
+
+/// As [`orientation_of`] of a whole file's bytes.
+pub(crate) fn orientation_in(bytes: &[u8]) -> Option<u8> {
+    let head = &bytes[..bytes.len().min(HEAD as usize)];
+    let read = image::read_orientation(head).or_else(|_| image::read_orientation(bytes));
+    read.ok().filter(|orientation| *orientation != 1)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::{Context, OutDir};
 use crate::error::Result;
+use crate::generate;
 use crate::generate::augment::{self, Step};
 use crate::parallel;
 use crate::provenance::Run;
@@ -63,6 +64,11 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
     }
     let run = Run::new("augment", job, &[&folder])?;
     let out = OutDir::create(&job.out, run, context.force)?;
+    let given: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
+    let given: Vec<&Path> = given.iter().map(PathBuf::as_path).collect();
+    if let Some(warning) = generate::turned_warning(&given) {
+        context.warnings.add(&warning.code, warning.message);
+    }
     context.progress.begin("augmenting", names.len() as u64);
     let images = parallel::try_map(names.len(), |index| {
         context.progress.check()?;

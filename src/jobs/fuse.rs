@@ -157,6 +157,7 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         warnings: context.warnings,
     };
     let outcome = write_cloud(job, &maps, (&inputs, context.force))?;
+    maps.warn_of_turned();
     if !job.vis {
         remove_if_there(&visible)?; // that of the cloud before
     }

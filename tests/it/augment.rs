@@ -1,6 +1,6 @@
 //! `mvs-eval augment` on files.
 
-use crate::support::{mvs_eval, stderr, text};
+use crate::support::{mvs_eval, stderr, text, turned_jpeg, write};
 use mvs_datasets::format::image;
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, Raster};
@@ -46,6 +46,7 @@ fn images_are_changed_as_drawn_and_the_draw_is_written_beside_them() {
     let out = folder.path().join("out");
     let output = augmented(&scene, "7", &out);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("warning"), "{}", stderr(&output));
     let drawn: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(out.join("augment.json")).unwrap()).unwrap();
     assert_eq!(
@@ -88,5 +89,28 @@ fn images_are_changed_as_drawn_and_the_draw_is_written_beside_them() {
         stderr(&output).contains("expected images"),
         "{}",
         stderr(&output)
+    );
+}
+
+/// As `generate` does: the pixels count as they are stored.
+#[test]
+fn images_that_exif_says_to_turn_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, orientation) in [("a.jpg", 1), ("b.jpg", 8), ("c.jpg", 3)] {
+        let jpeg = turned_jpeg(&picture(), orientation);
+        write(&folder.path().join("images").join(name), jpeg);
+    }
+    let out = folder.path().join("out");
+    let output = augmented(&folder.path().join("images"), "7", &out);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(
+        said.contains("warning [exif-orientation]: 2 photographs")
+            && said.contains("b.jpg (orientation 8)"),
+        "{said}"
+    );
+    assert_eq!(
+        files::read_image(&out.join("b.jpg")).unwrap().size(),
+        (40, 30)
     );
 }

@@ -1,7 +1,9 @@
 //! What several tests share.
 
 use assert_cmd::Command;
+use mvs_datasets::format::image;
 use mvs_datasets::layout::files::write_atomically;
+use mvs_datasets::scene::ColorImage;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -42,4 +44,16 @@ pub(crate) fn stderr(output: &Output) -> String {
 /// Makes a file.
 pub(crate) fn write(path: &Path, content: impl AsRef<[u8]>) {
     write_atomically(path, |out| out.write_all(content.as_ref())).expect("a file can be written");
+}
+
+/// A JPEG whose EXIF says this orientation.
+pub(crate) fn turned_jpeg(picture: &ColorImage, orientation: u8) -> Vec<u8> {
+    let mut jpeg = Vec::new();
+    image::write_jpeg(&mut jpeg, picture, image::JpegOptions::default())
+        .expect("it can be written");
+    let mut exif = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0".to_vec();
+    exif.extend(b"\x12\x01\x03\0\x01\0\0\0"); // orientation, one u16
+    exif.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+    jpeg.splice(2..2, exif);
+    jpeg
 }

@@ -92,10 +92,31 @@ pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
 /// The EXIF orientation that a JPEG or PNG states, 1 to 8; 1, upright as stored, where it states none.
 /// The head of a file is enough.
 pub fn read_orientation(bytes: &[u8]) -> Result<u8, FormatError> {
-    let reader = ImageReader::with_format(Cursor::new(bytes), format_of(bytes)?);
+    let format = format_of(bytes)?;
+    if format == ImageFormat::Jpeg && !may_have_exif(bytes) {
+        return Ok(1);
+    }
+    let reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut decoder = reader.into_decoder().map_err(undecodable)?;
     let orientation = decoder.orientation().map_err(undecodable)?;
     Ok(orientation.to_exif())
+}
+
+/// Whether a JPEG has EXIF before its first scan, or nothing can be said: the reader copies what it reads.
+fn may_have_exif(bytes: &[u8]) -> bool {
+    let mut at = 2;
+    loop {
+        match bytes.get(at..) {
+            Some([0xff, 0xda, ..]) => return false,
+            Some([0xff, marker @ 0xc0..=0xfe, high, low, rest @ ..])
+                if !matches!(marker, 0xd0..=0xd9)
+                    && !(*marker == 0xe1 && rest.starts_with(b"Exif")) =>
+            {
+                at += 2 + usize::from(u16::from_be_bytes([*high, *low]));
+            }
+            _ => return true,
+        }
+    }
 }
 
 /// Decodes after checking that the stated size is possible for so few bytes.

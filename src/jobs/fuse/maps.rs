@@ -3,6 +3,7 @@
 use super::{FuseJob, cams, workspace};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, Scratch, put_parts, take_rows};
+use crate::generate;
 use crate::jobs::Context;
 use crate::provenance::Inputs;
 use crate::warning::Warnings;
@@ -16,10 +17,10 @@ use mvs_datasets::layout::workspace::Workspace;
 use mvs_datasets::scene::{
     Camera, ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View, Window,
 };
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Folders in which images of a scene are looked for, relative to it.
 pub(super) const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
@@ -36,6 +37,8 @@ pub(super) struct FolderMaps<'a> {
     has_images: bool,
     has_confidence: bool,
     warnings: &'a Warnings,
+    /// Photographs that EXIF says are to be turned, with the orientation, as far as they have been read.
+    turned: Mutex<BTreeMap<PathBuf, u8>>,
     /// All that is read: the views' files are hashed as they are, all others before.
     pub(super) inputs: Inputs,
 }
@@ -82,6 +85,7 @@ impl<'a> FolderMaps<'a> {
             has_confidence: !job.confidence.is_empty(),
             entries,
             warnings: context.warnings,
+            turned: Mutex::default(),
         };
         maps.hash_others()?;
         Ok(maps)
@@ -288,7 +292,12 @@ impl DepthMaps for FolderMaps<'_> {
 
     fn image(&self, index: usize) -> Result<Option<ColorImage>> {
         let path = self.entries[index].image.as_ref();
-        let read = |path: &PathBuf| self.read(path, image::read_color);
+        let read = |path: &PathBuf| {
+            self.read(path, |bytes| {
+                self.note_turned(path, bytes);
+                image::read_color(bytes)
+            })
+        };
         path.map(read).transpose()
     }
 
@@ -298,8 +307,13 @@ impl DepthMaps for FolderMaps<'_> {
         wanted: &dyn Fn((u32, u32)) -> Window,
     ) -> Result<Option<((u32, u32), ColorImage)>> {
         let path = self.entries[index].image.as_ref();
-        let part = |bytes: &[u8]| image::read_color_part(bytes, wanted);
-        path.map(|path| self.read(path, part)).transpose()
+        let read = |path: &PathBuf| {
+            self.read(path, |bytes| {
+                self.note_turned(path, bytes);
+                image::read_color_part(bytes, wanted)
+            })
+        };
+        path.map(read).transpose()
     }
 
     fn has_images(&self) -> bool {
@@ -372,6 +386,24 @@ impl FolderMaps<'_> {
             rejected.negative
         );
         self.warnings.add("bad-depth", message);
+    }
+
+    fn note_turned(&self, path: &Path, bytes: &[u8]) {
+        if let Some(orientation) = generate::orientation_in(bytes) {
+            let mut turned = self.turned.lock().unwrap_or_else(PoisonError::into_inner);
+            turned.insert(path.to_path_buf(), orientation);
+        }
+    }
+
+    /// Says which of the photographs that were read are stored turned: their pixels are taken as stored.
+    pub(super) fn warn_of_turned(&self) {
+        let turned = self.turned.lock().unwrap_or_else(PoisonError::into_inner);
+        let turned: Vec<(&Path, u8)> = (turned.iter())
+            .map(|(path, orientation)| (path.as_path(), *orientation))
+            .collect();
+        if let Some(warning) = generate::warning_of_turned(&turned) {
+            self.warnings.add(&warning.code, warning.message);
+        }
     }
 
     /// Where next to nothing was fused: says so if the depths of the first view with a depth range lie
