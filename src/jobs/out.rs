@@ -248,7 +248,7 @@ pub(super) fn remove_if_there(path: &Path) -> Result<()> {
 }
 
 /// Checks that a result file may be written: it is not there, or may be replaced, and its folder can
-/// be made.
+/// be made. What a killed run has left of it goes.
 pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
     check_given(path)?;
     if path.is_dir() {
@@ -269,6 +269,7 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
         .filter(|parent| !parent.as_os_str().is_empty());
     let parent = parent.unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(mvs_datasets::Error::io(parent, "create the folder"))?;
+    files::remove_left(path);
     Ok(())
 }
 

@@ -7,11 +7,18 @@ use crate::mapped::MappedFile;
 use crate::scene::{
     ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
+use std::ffi::{OsStr, OsString};
 use std::io::Write;
 use std::path::Path;
 
-/// What the names of temporary files begin with; what an ended process leaves of them may go.
+/// What the names of temporary files begin with; what an ended process leaves of them may go. The name of
+/// the file to be follows, and some letters that are drawn.
 pub const TEMPORARY: &str = ".mvs-eval-";
+const SUFFIX: &str = ".part";
+/// Letters that are drawn.
+const DRAWN: usize = 6;
+/// Bytes of a name that go into that of its temporary file: names may have 255.
+const LONGEST: usize = 200;
 
 /// Writes `path` by way of a temporary file in the same folder, which is renamed when `write` has
 /// succeeded: readers see the old file or the whole new one. Missing parent folders are made.
@@ -19,11 +26,14 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
 ) -> Result<()> {
-    let folder = match path.parent() {
+    write_by_way_of(folder_of(path), path, write)
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
-    };
-    write_by_way_of(folder, path, write)
+    }
 }
 
 /// As [`write_atomically`], with the temporary file in `folder`, which is on the same file system.
@@ -33,7 +43,7 @@ pub fn write_by_way_of(
     write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
 ) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(Error::io(folder, "create the folder"))?;
-    let temporary = temporary_file(folder).map_err(Error::io(path, "create"))?;
+    let temporary = temporary_file(folder, path).map_err(Error::io(path, "create"))?;
     let (file, temporary_path) = temporary.into_parts();
     let mut out = BlockWriter::new(file);
     write(&mut out)
@@ -44,16 +54,58 @@ pub fn write_by_way_of(
         .map_err(|refused| Error::io(path, "replace")(refused.error))
 }
 
-/// A temporary file with the permissions that a plain new file has.
-pub(super) fn temporary_file(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+/// Removes what runs that were killed have left of writing `path`, beside it. What a run still writes it
+/// holds locked, and what cannot be removed stays.
+pub fn remove_left(path: &Path) {
+    let prefix = prefix_for(path);
+    let is_left = |name: &OsStr| {
+        let inner = name
+            .as_encoded_bytes()
+            .strip_prefix(prefix.as_encoded_bytes());
+        let inner = inner.and_then(|rest| rest.strip_suffix(SUFFIX.as_bytes()));
+        inner.is_some_and(|drawn| {
+            drawn.len() == DRAWN && drawn.iter().all(u8::is_ascii_alphanumeric)
+        })
+    };
+    let entries = std::fs::read_dir(folder_of(path))
+        .into_iter()
+        .flatten()
+        .flatten();
+    for entry in entries.filter(|entry| is_left(&entry.file_name())) {
+        let file = std::fs::File::options().write(true).open(entry.path());
+        if file.is_ok_and(|file| file.try_lock().is_ok()) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// What the names of temporary files for `path` begin with.
+fn prefix_for(path: &Path) -> OsString {
+    let mut prefix = OsString::from(TEMPORARY);
+    if let Some(name) = path.file_name().filter(|name| name.len() <= LONGEST) {
+        prefix.push(name);
+        prefix.push("-");
+    }
+    prefix
+}
+
+/// A temporary file for `path` with the permissions that a plain new file has, locked while it is open.
+pub(super) fn temporary_file(
+    folder: &Path,
+    path: &Path,
+) -> std::io::Result<tempfile::NamedTempFile> {
+    let prefix = prefix_for(path);
     let mut builder = tempfile::Builder::new();
-    builder.prefix(TEMPORARY).suffix(".part");
+    builder.prefix(&prefix).suffix(SUFFIX).rand_bytes(DRAWN);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666)); // less the umask
     }
-    builder.tempfile_in(folder)
+    let temporary = builder.tempfile_in(folder)?;
+    // Where files cannot be locked, what a killed run leaves stays.
+    let _ = temporary.as_file().try_lock();
+    Ok(temporary)
 }
 
 /// Maps a file and gives its bytes to `read`; the path goes into every error.
@@ -161,6 +213,45 @@ mod tests {
         );
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(names_in(folder.path()), ["out.txt"]);
+    }
+
+    #[test]
+    fn what_killed_runs_left_of_a_file_goes_and_what_others_write_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cloud.ply");
+        let left = [
+            ".mvs-eval-cloud.ply-Ab12cd.part",
+            ".mvs-eval-cloud.ply-Ab12c.part",
+            ".mvs-eval-cloud.ply-ab-cd1.part",
+            ".mvs-eval-other.ply-Ab12cd.part",
+            "cloud.ply-Ab12cd.part",
+        ];
+        for name in left {
+            std::fs::File::create_new(folder.path().join(name)).unwrap();
+        }
+        let mut here = names_in(folder.path());
+        write_atomically(&path, |out| {
+            let names = names_in(folder.path());
+            let own = names.iter().find(|name| !here.contains(name)).unwrap();
+            here.push(own.clone());
+            remove_left(&path);
+            assert!(folder.path().join(own).exists(), "it is being written");
+            out.write_all(b"x")
+        })
+        .unwrap();
+        let mut found = names_in(folder.path());
+        found.sort();
+        let mut expected = left[1..].to_vec();
+        expected.push("cloud.ply");
+        expected.sort_unstable();
+        assert_eq!(found, expected);
+        // The name of what is being written is of the same kind as that which went.
+        let own = here.last().unwrap();
+        assert_eq!((own.len(), &own[..21]), (left[0].len(), &left[0][..21]));
+        let long = folder.path().join("n".repeat(255));
+        put(&long, b"x");
+        remove_left(&long);
+        assert!(long.exists());
     }
 
     #[cfg(unix)]

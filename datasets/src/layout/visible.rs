@@ -24,7 +24,7 @@ impl VisibleWriter {
         let folder = path
             .parent()
             .filter(|folder| !folder.as_os_str().is_empty());
-        let file = temporary_file(folder.unwrap_or(Path::new(".")));
+        let file = temporary_file(folder.unwrap_or(Path::new(".")), path);
         let (file, temporary) = file.map_err(Error::io(path, "create"))?.into_parts();
         let mut out = BlockWriter::new(file);
         out.write_all(&0u64.to_le_bytes())

@@ -1,7 +1,11 @@
 //! Where the job reads and writes: sizes, repeats, what is missing, what is kept.
 
 use super::*;
-use crate::support::{text, write};
+use crate::support::{text, turned_jpeg, write};
+use mvs_eval::progress::Progress;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What the job warns of, by code.
 fn codes(job: &FuseJob) -> (mvs_eval::Result<FuseOutcome>, Vec<String>) {
@@ -160,6 +164,102 @@ fn filtered_depths_come_whole_or_not_at_all() {
         name.to_string_lossy().starts_with('.')
     });
     assert_eq!(hidden.count(), 0, "no scratch folder stays");
+}
+
+/// Stops the work once it has gone some steps.
+struct Stopping(AtomicU64);
+
+impl Progress for Stopping {
+    fn begin(&self, _stage: &str, _total: u64) {}
+
+    fn advance(&self, steps: u64) {
+        self.0.fetch_add(steps, Ordering::Relaxed);
+    }
+
+    fn cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed) > 2
+    }
+}
+
+/// What lies in a folder, with the bytes of files.
+fn content(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let paths = entries.map(|entry| entry.unwrap().path());
+    paths
+        .map(|path| (path.clone(), std::fs::read(path).ok()))
+        .collect()
+}
+
+#[test]
+fn an_interrupted_fusion_keeps_nothing_and_leaves_the_result_before_it() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    job.vis = true;
+    fuse(&job, false).unwrap();
+    let before = content(folder.path());
+    for mode in [FuseMode::Hkust, FuseMode::Geo, FuseMode::Cluster] {
+        job.fuse = FuseOptions::of(mode);
+        let context = Context {
+            progress: &Stopping(AtomicU64::new(0)),
+            warnings: &Warnings::default(),
+            force: true,
+        };
+        let error = run(&job, &context).unwrap_err();
+        assert!(matches!(error, mvs_eval::Error::Interrupted), "{error}");
+        assert!(content(folder.path()) == before, "{mode:?}");
+    }
+}
+
+#[test]
+fn what_a_killed_run_left_beside_the_cloud_goes() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let put = |name: &str| write(&folder.path().join(name), b"half a cloud");
+    let left =
+        ["cloud.ply-Ab12cd", "cloud.json-xYz123"].map(|name| format!(".mvs-eval-{name}.part"));
+    left.iter().for_each(|name| put(name));
+    put(".mvs-eval-others.ply-Ab12cd.part");
+    fuse(&job, false).unwrap();
+    let there = |name: &str| folder.path().join(name).exists();
+    assert!(!left.iter().any(|name| there(name)));
+    assert!(there(".mvs-eval-others.ply-Ab12cd.part") && there("cloud.ply"));
+}
+
+/// As `generate` and `blend` do: the pixels count as they are stored.
+#[test]
+fn photographs_that_exif_says_to_turn_are_counted() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let grey = ColorImage::filled(160, 120, [90, 100, 110]).unwrap();
+    std::fs::remove_dir_all(folder.path().join("images")).unwrap();
+    for (index, view) in scene.scene().views().iter().enumerate() {
+        let name = mvsnet::file_name(view.id, ".jpg");
+        let orientation = if index < 2 { 6 } else { 1 };
+        let jpeg = turned_jpeg(&grey, orientation);
+        write(&folder.path().join("images").join(name), jpeg);
+    }
+    let warnings = Warnings::default();
+    let context = Context {
+        progress: &Silent,
+        warnings: &warnings,
+        force: false,
+    };
+    run(&job, &context).unwrap();
+    let said = warnings.sorted();
+    let [warning] = said.as_slice() else {
+        panic!("{said:?}");
+    };
+    assert_eq!(warning.code, "exif-orientation");
+    let first = mvsnet::file_name(scene.scene().views()[0].id, ".jpg (orientation 6)");
+    assert!(
+        warning.message.starts_with("2 photographs"),
+        "{}",
+        warning.message
+    );
+    assert!(warning.message.contains(&first), "{}", warning.message);
 }
 
 #[test]
