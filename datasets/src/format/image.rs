@@ -108,10 +108,8 @@ fn may_have_exif(bytes: &[u8]) -> bool {
     loop {
         match bytes.get(at..) {
             Some([0xff, 0xda, ..]) => return false,
-            Some([0xff, marker @ 0xc0..=0xfe, high, low, rest @ ..])
-                if !matches!(marker, 0xd0..=0xd9)
-                    && !(*marker == 0xe1 && rest.starts_with(b"Exif")) =>
-            {
+            Some([0xff, 0xe1, _, _, note @ ..]) if note.starts_with(b"Exif") => return true,
+            Some([0xff, 0xc0..=0xcf | 0xdb..=0xfe, high, low, ..]) => {
                 at += 2 + usize::from(u16::from_be_bytes([*high, *low]));
             }
             _ => return true,
