@@ -8,7 +8,8 @@ embreex with its robust flag (triangle numbers alone; then everything it returns
 RaycastingScene, which sets Embree's robust flag itself and returns everything. Appends to
 OUT_DIR/visibility.csv and build.csv. `--arbitrate SIDE...` counts pixels of the same views that differ from
 the exact test of every candidate (arbitration.csv), `--lens SIDE...` times the views through a lens, drawn
-and with its rays traced one by one (lens.csv), `--rays SIDE...` the rays of the views' pixels one by one and
+and with its rays traced one by one (lens.csv), `--fisheye SIDE...` through fisheyes that see up to 90 degrees
+from the axis (fisheye.csv), `--rays SIDE...` the rays of the views' pixels one by one and
 together, beside embreex robust on the same rays (rays.csv). `--leaks N` instead counts rays aimed at corners and edges of closed
 spheres from inside that hit nothing, N of ours and a tenth of it for embreex with and without the
 robust flag, into OUT_DIR/leaks.csv.
@@ -138,11 +139,11 @@ def lines_of(binary, *arguments):
     return [json.loads(line) for line in answer.stdout.splitlines()]
 
 
-def through_lens(binary, sides, out):
-    rows = lines_of(binary, "lens", *sides)
-    for row in rows:
+def through_lens(binary, lens, sides, out):
+    rows = lines_of(binary, lens, *sides)
+    for row in rows if lens == "lens" else []:
         row["drawn_without_rays_s"] = row["drawn_s"] - row["rays_s"]
-    append(out / "lens.csv", rows)
+    append(out / f"{lens}.csv", rows)
 
 
 def many_rays(binary, sides, repeats, out):
@@ -202,6 +203,7 @@ def main():
     parser.add_argument("--leaks", type=int)
     parser.add_argument("--arbitrate", type=int, nargs="+")
     parser.add_argument("--lens", type=int, nargs="+")
+    parser.add_argument("--fisheye", type=int, nargs="+")
     parser.add_argument("--rays", type=int, nargs="+")
     options = parser.parse_args()
     binary = options.binary
@@ -215,7 +217,9 @@ def main():
     if options.arbitrate:
         append(options.out / "arbitration.csv", lines_of(binary, "arbitrate", *options.arbitrate))
     if options.lens:
-        through_lens(binary, options.lens, options.out)
+        through_lens(binary, "lens", options.lens, options.out)
+    if options.fisheye:
+        through_lens(binary, "fisheye", options.fisheye, options.out)
     if options.rays:
         many_rays(binary, options.rays, options.repeats, options.out)
     if options.leaks:

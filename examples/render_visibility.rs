@@ -4,7 +4,8 @@
 //! `render_visibility leaks RAYS`: how many rays aimed at edges and corners of closed meshes from
 //! inside slip through; `render_visibility arbitrate SIDE...`: how many pixels of the same views differ
 //! from the exact test of every candidate in f64, one ray at a time; `render_visibility lens SIDE...`:
-//! the same views through a lens, drawn and traced; `render_visibility rays SIDE...`: the rays of the same
+//! the same views through a lens, drawn and traced; `render_visibility fisheye SIDE...`: the same through
+//! fisheyes that see up to 90 degrees from the axis; `render_visibility rays SIDE...`: the rays of the same
 //! views from world to world, one by one and together.
 
 #![allow(
@@ -197,16 +198,30 @@ fn arbitrate(side: u32) {
     }
 }
 
+/// A lens and the camera's focal length in pixels.
+type Optics = (f64, Distortion);
+
+/// What views are usually taken through.
+const USUAL: Optics = (
+    1600.0,
+    Distortion::RadialTangential {
+        radial: [-0.2, 0.05, 0.0, 0.0, 0.0, 0.0],
+        tangential: [2e-3, -1e-3],
+    },
+);
+/// Focal lengths with which 90° from the axis is far inside the view, near its upper border, and at its corners.
+const WIDE: [f64; 3] = [100.0, 450.0, 800.0];
+const FISHEYE: Distortion = Distortion::Fisheye {
+    radial: [-0.02, 0.01, -0.005, 0.0005],
+};
+
 /// A view through a lens: what it sees, drawn; its rays alone; the same rays traced one by one.
-fn through_lens(side: u32) {
+fn through_lens(side: u32, (focal, lens): Optics) {
     let mesh = terrain(side);
     let renderer = Renderer::new(&mesh).unwrap();
     for (index, mut view) in EYES.map(view_from).into_iter().enumerate() {
-        let lens = Distortion::RadialTangential {
-            radial: [-0.2, 0.05, 0.0, 0.0, 0.0, 0.0],
-            tangential: [2e-3, -1e-3],
-        };
-        view.camera = view.camera.with_distortion(lens).unwrap();
+        let camera = Camera::new(2048, 1536, DVec2::splat(focal), DVec2::new(1024.0, 768.0));
+        view.camera = camera.unwrap().with_distortion(lens).unwrap();
         let pixels = (0..2048 * 1536).map(|i| DVec2::new(f64::from(i % 2048), f64::from(i / 2048)));
         let mut directions = Vec::new();
         let rays = timed_once(|| {
@@ -225,7 +240,7 @@ fn through_lens(side: u32) {
             traced_hits = directions.iter().filter(hit).count();
         });
         println!(
-            r#"{{"triangles": {}, "view": {index}, "hits": {hits}, "traced_hits": {traced_hits}, "rays_s": {rays}, "drawn_s": {drawn}, "traced_s": {traced}}}"#,
+            r#"{{"triangles": {}, "focal": {focal}, "view": {index}, "hits": {hits}, "traced_hits": {traced_hits}, "rays_s": {rays}, "drawn_s": {drawn}, "traced_s": {traced}}}"#,
             mesh.triangles().len()
         );
     }
@@ -286,7 +301,14 @@ fn main() {
         "leaks" => leaks(number(1)),
         "lens" => {
             for index in 1..numbers.len() {
-                through_lens(u32::try_from(number(index)).unwrap());
+                through_lens(u32::try_from(number(index)).unwrap(), USUAL);
+            }
+        }
+        "fisheye" => {
+            for index in 1..numbers.len() {
+                for focal in WIDE {
+                    through_lens(u32::try_from(number(index)).unwrap(), (focal, FISHEYE));
+                }
             }
         }
         "rays" => {

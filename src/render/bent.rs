@@ -29,25 +29,51 @@ impl Bent {
     /// The `width` × `height` samples at `place`; `None` when no ray is bent to any.
     pub(crate) fn new(place: &Place<'_>, (width, height): (usize, usize)) -> Option<Self> {
         let mut directions = vec![DVec3::NAN; STRIDE * SIZE];
-        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for row in 0..height {
             let found = place.eye.directions(place.column, place.row + row, width);
             for (column, direction) in found.into_iter().enumerate() {
                 if direction.is_finite() {
                     directions[Spot { column, row }.index()] = direction.extend(1.0);
-                    low = low.min(direction);
-                    high = high.max(direction);
                 }
             }
+        }
+        Self::fitted(place.eye.focal, directions, (width, height))
+    }
+
+    /// The `width` × `height` samples from one on, on a grid of their own.
+    pub(crate) fn part(
+        &self,
+        focal: DVec2,
+        first: Spot,
+        (width, height): (usize, usize),
+    ) -> Option<Self> {
+        let mut directions = vec![DVec3::NAN; STRIDE * SIZE];
+        for row in 0..height {
+            let to = Spot { column: 0, row }.index();
+            let from = first.index() + to;
+            directions[to..][..width].copy_from_slice(&self.directions[from..][..width]);
+        }
+        Self::fitted(focal, directions, (width, height))
+    }
+
+    /// Samples on the grid that fits them, which is not much finer than the camera's.
+    fn fitted(
+        focal: DVec2,
+        directions: Vec<DVec3>,
+        (width, height): (usize, usize),
+    ) -> Option<Self> {
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for direction in directions.iter().filter(|direction| direction.is_finite()) {
+            low = low.min(direction.truncate());
+            high = high.max(direction.truncate());
         }
         if !low.is_finite() {
             return None;
         }
         let steps = DVec2::new((width - 1) as f64, (height - 1) as f64);
-        let finest = FINEST * place.eye.focal;
-        let focal = (steps / (high - low)).min(finest);
+        let fitting = (steps / (high - low)).min(FINEST * focal);
         // 0 / 0 where there is one sample along an axis.
-        let focal = DVec2::select(focal.cmpgt(DVec2::ZERO), focal, place.eye.focal);
+        let focal = DVec2::select(fitting.cmpgt(DVec2::ZERO), fitting, focal);
         let grid = Grid {
             focal,
             shift: -low * focal,

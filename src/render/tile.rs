@@ -111,6 +111,16 @@ impl Tile {
         self.nearness[spot.index()] = nearness;
     }
 
+    /// Takes over what `width` × `height` samples from one on see, which were drawn as a tile of their own.
+    pub(crate) fn put_part(&mut self, first: Spot, part: &Self, (width, height): (usize, usize)) {
+        for row in 0..height {
+            let from = Spot { column: 0, row }.index();
+            let to = first.index() + from;
+            self.nearness[to..][..width].copy_from_slice(&part.nearness[from..][..width]);
+            self.triangles[to..][..width].copy_from_slice(&part.triangles[from..][..width]);
+        }
+    }
+
     /// Notes that samples between two corners, both included, have changed.
     pub(crate) fn touch(&mut self, from: Spot, to: Spot) {
         for row in from.row / BLOCK..=to.row / BLOCK {

@@ -37,7 +37,34 @@ impl Distortion {
         let (found, [fits]) = lens.solve([[start.x], [start.y]], [[seen.x], [seen.y]]);
         let near = DVec2::new(found[0][0], found[1][0]);
         let near = self.confirmed(near, field_radius).filter(|_| fits);
-        near.or_else(|| self.search(&lens, seen, field_radius))
+        near.or_else(|| match length(seen.x, seen.y) > self.reach(field_radius) {
+            true => None,
+            false => self.search(&lens, seen, field_radius),
+        })
+    }
+
+    /// A distance from the axis beyond which no ray inside the field is bent; infinite or NaN where none is
+    /// known. The radial part grows up to the field's edge.
+    fn reach(&self, field_radius: f64) -> f64 {
+        let (edge, slope) = self.profile(field_radius);
+        if !(edge > 0.0 && slope >= 0.0) {
+            return f64::INFINITY;
+        }
+        let (plane, shifts) = match *self {
+            Self::None | Self::FieldOfView { .. } => (field_radius, [0.0; 4]),
+            Self::RadialTangential { tangential, .. } => {
+                (field_radius, [tangential[0], tangential[1], 0.0, 0.0])
+            }
+            Self::Fisheye { .. } => (field_radius.atan(), [0.0; 4]),
+            Self::ThinPrismFisheye {
+                tangential: [p1, p2],
+                prism: [s1, s2],
+                ..
+            } => (field_radius.atan(), [p1, p2, s1, s2]),
+        };
+        let shift: f64 = shifts.iter().map(|shift| 4.0 * shift.abs()).sum();
+        // Room for the last half degree, in which a wide field's edge is not searched for.
+        1.05 * edge + shift * plane * plane
     }
 
     /// [`Distortion::undistort_within`] of many points, in place; NaN where there is none.
@@ -303,7 +330,12 @@ impl WithSimd for SideBySide<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        let reach = self.lens.reach(self.field_radius);
         for points in self.points.chunks_mut(SIDE) {
+            if points.iter().all(|point| length(point.x, point.y) > reach) {
+                points.fill(DVec2::NAN);
+                continue;
+            }
             let mut seen = [[points[0].x; SIDE], [points[0].y; SIDE]];
             for (i, point) in points.iter().enumerate() {
                 (seen[0][i], seen[1][i]) = (point.x, point.y);
@@ -319,6 +351,7 @@ impl WithSimd for SideBySide<'_> {
                 let near = self.lens.confirmed(near, self.field_radius);
                 *point = match near.filter(|_| fits[i]) {
                     Some(ideal) => ideal,
+                    None if length(point.x, point.y) > reach => DVec2::NAN,
                     None => {
                         let ideal = self.lens.search(&self.bend, *point, self.field_radius);
                         ideal.unwrap_or(DVec2::NAN)
@@ -417,6 +450,43 @@ mod tests {
             }
         }
         assert!(rays > 40_000 && none > 4_000, "{rays} {none}");
+    }
+
+    /// What no bound cuts short.
+    fn searched(lens: &Distortion, seen: DVec2, edge: f64) -> Option<DVec2> {
+        let bend = Bend::of(lens);
+        let start = lens.start(seen);
+        let (found, [fits]) = bend.solve([[start.x], [start.y]], [[seen.x], [seen.y]]);
+        let near = lens.confirmed(DVec2::new(found[0][0], found[1][0]), edge);
+        near.filter(|_| fits)
+            .or_else(|| lens.search(&bend, seen, edge))
+    }
+
+    #[test]
+    fn beyond_a_lens_s_reach_a_search_finds_nothing() {
+        let tiny = Distortion::RadialTangential {
+            radial: [-9e5, 0.0, 0.0, 0.0, 0.0, 0.0],
+            tangential: [0.0; 2],
+        };
+        let (mut beyond, mut rays) = (0, 0);
+        for lens in lenses().into_iter().chain(strong()).chain([tiny]) {
+            if matches!(lens, Distortion::None | Distortion::FieldOfView { .. }) {
+                continue;
+            }
+            let edge = lens.field_radius();
+            let reach = lens.reach(edge);
+            for step in 0..3000 {
+                let part = f64::from(step) / 1000.0;
+                let radius = part * if reach < f64::INFINITY { reach } else { 4e-4 };
+                let seen = radius * DVec2::from_angle(0.618 * f64::from(step));
+                let found = searched(&lens, seen, edge);
+                assert_eq!(lens.undistort_within(seen, edge), found, "{lens:?} {seen}");
+                assert!(found.is_none() || radius <= reach, "{lens:?} {seen}");
+                beyond += usize::from(radius > reach);
+                rays += usize::from(found.is_some());
+            }
+        }
+        assert!(beyond > 15_000 && rays > 8_000, "{beyond} {rays}");
     }
 
     proptest! {

@@ -78,6 +78,45 @@ fn views_through_lenses_agree_with_the_oracle_to_the_byte() {
     }
 }
 
+/// Fisheyes whose images end, 90° from the axis, inside the view.
+#[test]
+fn views_that_reach_to_the_rim_agree_with_the_oracle_to_the_byte() {
+    let fisheye = |first| Distortion::Fisheye {
+        radial: [first, 0.0, 0.0, 0.0],
+    };
+    let prism = Distortion::ThinPrismFisheye {
+        radial: [-0.01, 0.0, 0.0, 0.0],
+        tangential: [2e-3, -1e-3],
+        prism: [3e-3, -2e-3],
+    };
+    let mut noise = Noise(8);
+    for (name, mesh) in [("soup", soup(1500, 4)), ("terrain", terrain(60))] {
+        let (renderer, oracle) = (Renderer::new(&mesh).unwrap(), Oracle::new(&mesh));
+        for (index, lens) in [fisheye(0.0), fisheye(-0.02), prism]
+            .into_iter()
+            .enumerate()
+        {
+            let eye = noise.vector().normalize() * [0.6, 0.3, 0.1][index];
+            let pose = Pose::looking_at(eye, noise.vector(), noise.vector()).unwrap();
+            let mut view = view(pose, 130, 110);
+            let camera = Camera::new(130, 110, DVec2::splat(30.0), DVec2::new(66.3, 53.8));
+            view.camera = camera.unwrap().with_distortion(lens).unwrap();
+            let options = RenderOptions {
+                samples: [4, 1, 1][index],
+                ..RenderOptions::default()
+            };
+            let fast = renderer.render(&view, &options).unwrap();
+            assert!(
+                fast == oracle.render(&view, &options).unwrap(),
+                "{name} {lens:?}"
+            );
+            let surface = fast.count(Sight::Surface) + fast.count(Sight::Mixed);
+            assert!(surface > 500, "{name} {lens:?}: {surface}");
+            assert!(fast.count(Sight::NoRay) > 3000, "{name} {lens:?}");
+        }
+    }
+}
+
 /// A lens so weak that nothing moves by a thousandth of a pixel: the rays' way and the rasteriser's
 /// must then see the same.
 #[test]
