@@ -56,8 +56,9 @@ impl BandBytes {
         self.used.resize(rows, 0);
         let wanted = self.stride * rows;
         if self.bytes.len() < wanted {
-            // Pages that are not touched are not made.
-            self.bytes = vec![0; wanted];
+            self.bytes = Vec::new(); // before there is another
+            // Where zeros come from the system, pages that are not touched are not made.
+            self.bytes = vec![0; wanted.next_power_of_two()];
         }
     }
 
@@ -74,6 +75,7 @@ impl BandBytes {
         let used = &mut self.used[row];
         let start = row * self.stride + *used;
         *used += BYTES;
+        debug_assert!(*used <= self.stride, "more points than were foreseen");
         self.bytes.get_mut(start..)?.first_chunk_mut()
     }
 }
@@ -121,6 +123,7 @@ fn put<const COLUMNS: u8, const BYTES: usize>(
     rows: &mut BandBytes,
 ) {
     let columns = const { Columns::of_row_bits(COLUMNS) };
+    const { assert!(BYTES == bytes(COLUMNS)) };
     for i in entries(kept) {
         if let Some(row) = rows.more::<BYTES>(points.row(i)) {
             put_row(columns, points, i, row);

@@ -126,7 +126,7 @@ fn windows_are_copied_stretch_by_stretch() {
     let stored: Vec<f32> = (0..130 * 3).map(|at| at as f32 + 1.0).collect();
     let map = Samples::new((130, 3), Unit::Depth, &stored);
     let view = random_view(&mut rng(3), 0);
-    for (length, len) in [
+    let cases = [
         (1, 64),
         (3, 64),
         (15, 50),
@@ -134,12 +134,14 @@ fn windows_are_copied_stretch_by_stretch() {
         (17, 64),
         (40, 64),
         (64, 9),
-    ] {
+    ];
+    let cases = cases.into_iter().flat_map(|case| [(case, 1), (case, 2)]);
+    for ((length, len), row) in cases {
         let (mut block, mut room) = (Block::new(), Room::new(0));
         let mut column = 129 - BLOCK as u32 - (BLOCK / length) as u32;
         for i in 0..BLOCK {
             column += u32::from(i % length == 0);
-            block.push(map.grid(), column, 1 + u32::from(length > 20), 1.0);
+            block.push(map.grid(), column, row, 1.0);
             column += 1;
         }
         block.len = len;
@@ -164,6 +166,41 @@ fn bits_are_numbered_in_order() {
         assert_eq!(entries(bits).collect::<Vec<_>>(), expected);
     }
     assert_eq!([0, 1, 64].map(first), [0, 1, u64::MAX]);
+}
+
+/// As many points as were foreseen, in rows that lie as near as any do.
+#[test]
+fn full_rows_of_bytes_lie_side_by_side() {
+    let (mut block, mut room, consensus) = (Block::new(), Room::new(0), Consensus::new());
+    let most = 1024; // times 28 bytes: whole pages
+    let mut bytes = BandBytes::default();
+    bytes.begin(3, most, Columns::default());
+    for row in [1, 0, 2] {
+        for first in (0..most).step_by(BLOCK) {
+            block.len = 0;
+            for i in 0..BLOCK {
+                block.push(Grid::whole(2000), (first + i) as u32, row, 1.0);
+                room.position[0][i] = (first + i) as f64 + 10_000.0 * f64::from(row);
+            }
+            let points = BlockPoints {
+                block: &block,
+                consensus: &consensus,
+                room: &room,
+                first_row: 0,
+                confidences: None,
+                photo: None,
+            };
+            add_to_rows(Columns::default(), &points, u64::MAX, &mut bytes);
+        }
+    }
+    for (row, bytes) in bytes.rows().enumerate() {
+        let (points, rest) = bytes.as_chunks::<28>();
+        assert_eq!((points.len(), rest.len()), (most, 0));
+        for (at, point) in points.iter().enumerate() {
+            let x = f64::from_le_bytes(*point.first_chunk().unwrap());
+            assert_eq!(x, at as f64 + 10_000.0 * row as f64);
+        }
+    }
 }
 
 /// Every choice of columns, in the rows of a map in which the points lie.

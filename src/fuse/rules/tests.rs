@@ -224,6 +224,23 @@ fn blocks(estimate: &Estimate) -> Vec<Block> {
     blocks
 }
 
+/// Checks that each source saw a block where it lies in that source, not in another; how many pixels those are.
+fn are_where_f64_says(block: &Block, source: &Against<'_>, seen: &Seen) -> usize {
+    let (mut exact, mut to) = (Seen::new(), Footprint::new());
+    (source.pair).project_widely::<true>(block, source.samples, &mut exact, &mut to);
+    let inner = |i: &usize| {
+        let (x, y) = (exact.x[*i], exact.y[*i]);
+        to.z[*i] > 0.0 && x.min(161.0 - x) > 0.01 && y.min(121.0 - y) > 0.01
+    };
+    let mut count = 0;
+    for i in (0..block.len).filter(inner) {
+        let off = (seen.x[i] - exact.x[i]).hypot(seen.y[i] - exact.y[i]);
+        assert!(off < 2e-3, "{off}");
+        count += 1;
+    }
+    count
+}
+
 #[test]
 fn every_instruction_set_gives_the_same_bits() {
     let plane = Plane::tilted();
@@ -234,7 +251,7 @@ fn every_instruction_set_gives_the_same_bits() {
         spoil(estimate, index as u64, 2e-3, 0.05, 12);
     }
     let own = &estimates[0];
-    let (mut enough, mut softened) = (0, 0);
+    let (mut enough, mut softened, mut positions) = (0, 0, 0);
     for (rule, taps, unit) in [
         (Rule::Median, Taps::Valid(0.02), Unit::Inverse),
         (Rule::Average, Taps::Plain, Unit::Depth),
@@ -277,6 +294,9 @@ fn every_instruction_set_gives_the_same_bits() {
             by_avx2(case(&mut eight));
             assert!(bits(&plain) == bits(&wide), "{rule:?}");
             assert!(bits(&plain) == bits(&eight), "{rule:?} by AVX2");
+            for (source, seen) in sources.iter().zip(&wide.seen) {
+                positions += are_where_f64_says(block, source, seen);
+            }
             for kept in [Kept::Nothing, Kept::Words] {
                 if (rule, kept) == (Rule::Median, Kept::Nothing) {
                     continue; // which sorts what is kept
@@ -304,6 +324,7 @@ fn every_instruction_set_gives_the_same_bits() {
         }
     }
     assert!(enough > 30_000 && softened > 100, "{enough} {softened}");
+    assert!(positions > 200_000, "{positions}");
 }
 
 /// With AVX2 also where the machine has more; with what it has where it has less.
