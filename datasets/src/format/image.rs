@@ -362,4 +362,34 @@ mod tests {
             })
         })
     }
+
+    /// As the reader of all JPEGs finds it, wherever the note stands before the first scan.
+    #[test]
+    fn orientations_are_found_behind_other_notes_and_nowhere_else() {
+        let mut plain = Vec::new();
+        let picture = ColorImage::filled(20, 17, [90; 3]).unwrap();
+        write_jpeg(&mut plain, &picture, JpegOptions::default()).unwrap();
+        let mut exif = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0".to_vec();
+        exif.extend(b"\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"); // orientation, one u16
+        let scan = plain.windows(2).position(|two| two == [0xff, 0xda]);
+        let noted = [&b"\xff\xe1\x00\x06XMP\0\xff\xfe\x00\x04hi"[..], &exif].concat();
+        assert_eq!(read_orientation(&plain).unwrap(), 1);
+        for (at, notes) in [(2, &exif), (2, &noted), (scan.unwrap(), &exif)] {
+            let mut turned = plain.clone();
+            turned.splice(at..at, notes.iter().copied());
+            assert_eq!(read_orientation(&turned).unwrap(), 6, "{at}");
+            // Of a head that is too short nothing is said rather than something wrong.
+            for length in 0..turned.len() {
+                let found = read_orientation(&turned[..length]);
+                assert!(
+                    found.is_err() || found.is_ok_and(|found| found == 6),
+                    "{at} {length}"
+                );
+            }
+        }
+        // Behind the scan it is no note.
+        let behind = [&plain[..plain.len() - 2], &exif, &plain[plain.len() - 2..]].concat();
+        assert_eq!(read_orientation(&behind).unwrap(), 1);
+        assert!(!may_have_exif(&plain) && may_have_exif(&plain[..scan.unwrap()]));
+    }
 }
