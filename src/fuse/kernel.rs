@@ -27,7 +27,7 @@ pub(super) const BLOCK: usize = 64;
 
 /// Reference pixels to test, their depths known. Entries from `len` on are harmless.
 ///
-/// As all that the loop goes over, laid out so that vectors of entries begin where cache lines do: the widest are
+/// As nearly all that the loop goes over, laid out so that vectors of entries begin where cache lines do: the widest are
 /// as long as a line, and each would be fetched from two.
 #[repr(C, align(64))]
 pub(super) struct Block {

@@ -230,8 +230,7 @@ impl Relative {
             let [right, bottom] = [sources.ends[0][k], sources.ends[1][k]];
             // None of these holds for what is not a number.
             self.fits[k] = near.fits
-                & (depth >= USUAL.start)
-                & (depth < USUAL.end)
+                & USUAL.contains(&depth)
                 & (least >= SHALLOW * depth)
                 & (extent([by_x[0], by_x[1]]) <= SPREAD * depth)
                 & (extent([by_y[0], by_y[1]]) <= SPREAD * depth)
@@ -500,7 +499,7 @@ mod tests {
             let all = Abreast::new(sources());
             pulp::Arch::new().dispatch(Fill(&mut abreast, &near, &all));
             for k in 0..ABREAST {
-                let source = sources().nth(k).or(sources().last()).unwrap();
+                let source = sources().nth(k).or(sources().next_back()).unwrap();
                 let alone = Relative::alone(&near, source);
                 (fitting, others) = match alone.fits(0) {
                     true => (fitting + 1, others),

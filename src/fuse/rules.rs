@@ -248,26 +248,37 @@ impl WithSimd for Case<'_> {
                 footprint,
                 bounds: &court.bounds,
             };
-            match court.taps {
-                Taps::Nearest => {
-                    let unit = source.samples.unit();
-                    sampled.weigh_nearest(unit, footprint, &mut seen.ratio);
-                    let scale = (&footprint.z, source.disparity);
-                    match court.soften {
-                        true => consensus.hear_disparity::<true>(&errors, scale, seen),
-                        false => consensus.hear_disparity::<false>(&errors, scale, seen),
-                    }
-                }
-                Taps::Plain => hear(&court, &errors, &PlainLooks(sight), (consensus, seen)),
-                Taps::Valid(similar) => {
-                    let looks = ValidLooks(sight, similar);
-                    hear(&court, &errors, &looks, (consensus, seen));
-                }
-            }
+            look(&court, source, (&errors, sight), (consensus, seen));
         }
         consensus.decide(court.rule, court.needed, court.soften);
         if court.rule == Rule::Median {
             median(seen, sorted, consensus);
+        }
+    }
+}
+
+/// Looks at what was sampled of a source, and hears it.
+#[inline(always)]
+fn look(
+    court: &Court<'_>,
+    source: &Against<'_>,
+    (errors, sight): (&Errors<'_>, Sight<'_>),
+    (consensus, seen): (&mut Consensus, &mut Seen),
+) {
+    match court.taps {
+        Taps::Nearest => {
+            let (unit, footprint) = (source.samples.unit(), sight.footprint);
+            (sight.sampled).weigh_nearest(unit, footprint, &mut seen.ratio);
+            let scale = (&footprint.z, source.disparity);
+            match court.soften {
+                true => consensus.hear_disparity::<true>(errors, scale, seen),
+                false => consensus.hear_disparity::<false>(errors, scale, seen),
+            }
+        }
+        Taps::Plain => hear(court, errors, &PlainLooks(sight), (consensus, seen)),
+        Taps::Valid(similar) => {
+            let looks = ValidLooks(sight, similar);
+            hear(court, errors, &looks, (consensus, seen));
         }
     }
 }
