@@ -100,7 +100,7 @@ impl Left {
     fn sentence(self) -> &'static str {
         match self {
             Self::Nothing => {
-                "interrupted; nothing of this run is kept, and a result from before is as it was"
+                "interrupted; no result of this run is kept, and one from before is as it was"
             }
             Self::Files => {
                 "interrupted; what was written stays, but is no finished result: the same command makes \

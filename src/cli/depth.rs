@@ -41,7 +41,11 @@ pub(crate) fn run(args: &DepthArgs, global: &Global) -> anyhow::Result<Verdict> 
 }
 
 pub(crate) fn execute(job: &DepthJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context_leaving(Left::Files, global, |context| depth::run(job, context))?;
+    let left = match job.out {
+        Some(_) => Left::Files,
+        None => Left::Nothing,
+    };
+    let outcome = with_context_leaving(left, global, |context| depth::run(job, context))?;
     answer(global.format, &outcome, || {
         let mut header = vec!["view"];
         header.extend(DepthScores::NAMES);

@@ -156,8 +156,9 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         progress: context.progress,
         warnings: context.warnings,
     };
-    let outcome = write_cloud(job, &maps, (&inputs, context.force))?;
+    let outcome = write_cloud(job, &maps, (&inputs, context.force));
     maps.warn_of_turned();
+    let outcome = outcome?;
     if !job.vis {
         remove_if_there(&visible)?; // that of the cloud before
     }

@@ -388,7 +388,15 @@ fn an_interrupted_command_says_what_is_left_of_it() {
         write_atomically(&file, |out| image::write_png(out, &grey)).unwrap();
     }
     let (images, out, demo) = (path("images"), path("out"), path("demo"));
-    let augment = ["augment", "--images", text(&images), "--out", text(&out)];
+    let augment = [
+        "augment",
+        "--threads",
+        "1",
+        "--images",
+        text(&images),
+        "--out",
+        text(&out),
+    ];
     for (arguments, expected) in [
         (
             &augment[..],
@@ -397,7 +405,7 @@ fn an_interrupted_command_says_what_is_left_of_it() {
         (&["demo", "--out", text(&demo)], "finished views are kept"),
         (
             &["extremes", "--out", text(&path("extremes"))],
-            "nothing of this run is kept, and a result from before is as it was",
+            "no result of this run is kept, and one from before is as it was",
         ),
     ] {
         let said = interrupted(arguments);

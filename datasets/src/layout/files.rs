@@ -8,6 +8,7 @@ use crate::scene::{
     ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
 use std::ffi::{OsStr, OsString};
+use std::fs::TryLockError;
 use std::io::Write;
 use std::path::Path;
 
@@ -17,8 +18,8 @@ pub const TEMPORARY: &str = ".mvs-eval-";
 const SUFFIX: &str = ".part";
 /// Letters that are drawn.
 const DRAWN: usize = 6;
-/// Bytes of a name that go into that of its temporary file: names may have 255.
-const LONGEST: usize = 200;
+/// Bytes of a name that go into that of its temporary file: names may have 255, on some file systems 143.
+const LONGEST: usize = 100;
 
 /// Writes `path` by way of a temporary file in the same folder, which is renamed when `write` has
 /// succeeded: readers see the old file or the whole new one. Missing parent folders are made.
@@ -55,7 +56,7 @@ pub fn write_by_way_of(
 }
 
 /// Removes what runs that were killed have left of writing `path`, beside it. What a run still writes it
-/// holds locked, and what cannot be removed stays.
+/// holds locked (on a network file system that keeps locks to each machine only against its own), and what cannot be removed stays.
 pub fn remove_left(path: &Path) {
     let prefix = prefix_for(path);
     let is_left = |name: &OsStr| {
@@ -72,6 +73,9 @@ pub fn remove_left(path: &Path) {
         .flatten()
         .flatten();
     for entry in entries.filter(|entry| is_left(&entry.file_name())) {
+        if !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
         let file = std::fs::File::options().write(true).open(entry.path());
         if file.is_ok_and(|file| file.try_lock().is_ok()) {
             let _ = std::fs::remove_file(entry.path());
@@ -102,10 +106,16 @@ pub(super) fn temporary_file(
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666)); // less the umask
     }
-    let temporary = builder.tempfile_in(folder)?;
-    // Where files cannot be locked, what a killed run leaves stays.
-    let _ = temporary.as_file().try_lock();
-    Ok(temporary)
+    loop {
+        let temporary = builder.tempfile_in(folder)?;
+        // Where files cannot be locked, what a killed run leaves stays.
+        let locked = temporary.as_file().try_lock();
+        let is_taken = matches!(locked, Err(TryLockError::WouldBlock));
+        // Another run may have taken it for left before it was locked.
+        if !is_taken && temporary.path().exists() {
+            return Ok(temporary);
+        }
+    }
 }
 
 /// Maps a file and gives its bytes to `read`; the path goes into every error.

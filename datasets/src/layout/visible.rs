@@ -65,8 +65,9 @@ impl VisibleWriter {
     /// Completes the file and gives it its name.
     pub fn finish(mut self) -> Result<()> {
         self.complete()?;
-        drop(self.out);
+        // The file is open, and so locked, until it has its name.
         let named = self.temporary.persist(&self.path);
+        drop(self.out);
         named.map_err(|refused| Error::io(&self.path, "write")(refused.error))
     }
 }

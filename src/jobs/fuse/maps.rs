@@ -458,7 +458,7 @@ impl FolderMaps<'_> {
         let depth = &self.entries[index].depth;
         let problem = format!(
             "expected the size of its depth map {}, which is {}x{}, found {}x{}: one of the two is of \
-             another size",
+             another view or resolution",
             depth.display(),
             expected.0,
             expected.1,

@@ -197,35 +197,6 @@ fn broken_text_is_said_with_its_line() {
     assert!(read_points_text("1 2 3 4 256 0 0").is_err());
 }
 
-/// As COLMAP 4.2 writes it: a blank and a line break after the last feature.
-#[test]
-fn an_images_txt_that_is_cut_between_two_features_is_refused_by_its_head() {
-    let whole = "# Image list\n# Number of images: 2, mean observations per image: 2.5\n\
-                 1 1 0 0 0 0 0 0 1 a.jpg\n1 2 7 3 4 -1 5 6 8 \n\
-                 2 1 0 0 0 0 0 0 1 b.jpg\n1 2 7 3 4 8 5 6 9 \n";
-    assert_eq!(read_images_text(whole).unwrap()[1].points, [7, 8, 9]);
-    assert!(read_images_text(whole.trim_end()).is_ok(), "an editor's");
-    let cut = whole.strip_suffix("5 6 9 \n").unwrap();
-    let error = read_images_text(cut).unwrap_err().to_string();
-    let said = "line 6: expected a mean of 2.5 points per image, as its head says, found 2 and no line break";
-    assert!(error.contains(said), "{error}");
-    let thinned = format!("{cut}\n");
-    assert_eq!(
-        read_images_text(&thinned).unwrap()[1].points,
-        [7, 8],
-        "edited"
-    );
-    // Wherever it is cut, it is an error or all points are there, but for the digits of the last.
-    for length in whole.find("1 1 0").unwrap()..whole.len() {
-        if let Ok(images) = read_images_text(&whole[..length]) {
-            assert_eq!(
-                images.iter().map(|image| image.points.len()).sum::<usize>(),
-                5
-            );
-        }
-    }
-}
-
 #[test]
 fn every_cut_of_a_binary_file_is_an_error() {
     for (hex, read) in [

@@ -52,9 +52,6 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// By which fraction a mean may be rounded that was written with six digits, as COLMAP does at least.
-const ROUNDED: f64 = 1e-5;
-
 /// Whether a line holds data.
 fn is_data(line: &str) -> bool {
     !line.trim().is_empty() && !line.trim_start().starts_with('#')
@@ -120,52 +117,24 @@ pub fn read_images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
         image.points = read_observations(Fields::new(index, line))?;
         images.push(image);
     }
-    check_whole(text, &images)?;
-    Ok(images)
+    match stated_images(text) {
+        Some(stated) if stated != images.len() => {
+            let found = images.len();
+            let problem = format!(
+                "expected {stated} images, as its head says, found {found}: it was cut, or edited \
+                 without its head"
+            );
+            Err(FormatError::new("images", problem))
+        }
+        _ => Ok(images),
+    }
 }
 
-/// Refuses a file that has fewer images than its head says, and one that ends within a line and has fewer
-/// points.
-fn check_whole(text: &str, images: &[ColmapImage]) -> Result<(), FormatError> {
-    let Some((stated, mean)) = stated_counts(text) else {
-        return Ok(());
-    };
-    let found = images.len();
-    if stated != found {
-        let problem = format!(
-            "expected {stated} images, as its head says, found {found}: it was cut, or edited without its \
-             head"
-        );
-        return Err(FormatError::new("images", problem));
-    }
-    let points: usize = images.iter().map(|image| image.points.len()).sum();
-    if let Some(mean) = mean
-        && !text.ends_with('\n')
-        && (points as f64) < mean * found as f64 * (1.0 - ROUNDED)
-    {
-        let problem = format!(
-            "expected a mean of {mean} points per image, as its head says, found {} and no line break at \
-             the end: it was cut",
-            points as f64 / found as f64
-        );
-        return Err(FormatError::new(
-            format!("line {}", text.lines().count()),
-            problem,
-        ));
-    }
-    Ok(())
-}
-
-/// What COLMAP writes in the head: `# Number of images: 32, mean observations per image: 410.5`.
-fn stated_counts(text: &str) -> Option<(usize, Option<f64>)> {
+/// What COLMAP writes in the head: `# Number of images: 32, mean observations per image: 410`.
+fn stated_images(text: &str) -> Option<usize> {
     let head = text.lines().take_while(|line| line.starts_with('#'));
     let mut counts = head.filter_map(|line| line.strip_prefix("# Number of images:"));
-    let mut parts = counts.next()?.split(',');
-    let images = parts.next()?.trim().parse().ok()?;
-    let mean = parts
-        .next()
-        .and_then(|part| part.split(':').nth(1)?.trim().parse().ok());
-    Some((images, mean))
+    counts.next()?.split(',').next()?.trim().parse().ok()
 }
 
 fn read_image(mut fields: Fields<'_>) -> Result<ColmapImage, FormatError> {
