@@ -142,9 +142,7 @@ def lines_of(binary, *arguments):
 def through_lens(binary, lens, sides, out):
     rows = lines_of(binary, lens, *sides)
     for row in rows:
-        if lens == "lens":
-            row["drawn_without_rays_s"] = row["drawn_s"] - row["rays_s"]
-        else:
+        if lens == "fisheye":
             del row["rays_s"]  # one by one, of pixels that have none, too
     append(out / f"{lens}.csv", rows)
 

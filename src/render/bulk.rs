@@ -12,6 +12,9 @@ const PART: usize = 1 << 14;
 /// Bits of a ray's place along each axis of a face of the cube around the origin.
 const PLACE_BITS: u32 = 13;
 
+/// Of those, the bits that rays side by side in a view have in common.
+const CELL_BITS: u32 = 8;
+
 /// Rays from one point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bundle<'b> {
@@ -112,7 +115,15 @@ fn order(directions: &[DVec3]) -> Vec<u32> {
     let mut keys: Vec<u64> = numbered
         .map(|(direction, index)| u64::from(place(direction)) << 32 | index)
         .collect();
-    parallel::sort(&mut keys);
+    let cell = |key: u64| key >> (32 + 2 * (PLACE_BITS - CELL_BITS));
+    let side_by_side = keys.windows(2);
+    let near = side_by_side.filter(|two| cell(two[0]) == cell(two[1]));
+    if 2 * near.count() > keys.len() {
+        // They come in rows, as a view's do: parts of many rows are as good as all, and in the cache.
+        parallel::for_each_chunk(&mut keys, PART, |_, part| part.sort_unstable());
+    } else {
+        parallel::sort(&mut keys);
+    }
     #[allow(clippy::cast_possible_truncation, reason = "the index alone")]
     keys.into_iter().map(|key| key as u32).collect()
 }
@@ -157,6 +168,38 @@ mod tests {
     thread_local! {
         /// Rays that went through the tree in packets.
         pub(super) static TOGETHER: Cell<usize> = const { Cell::new(0) };
+    }
+
+    /// Rays in rows, as a view's, are sorted part by part; others all together.
+    #[test]
+    fn orders_have_every_ray_once_and_neighbours_point_alike() {
+        let (columns, rows) = (300, 200);
+        let at = |index: usize| {
+            let (column, row) = (index % columns, index / columns);
+            DVec3::new(column as f64 - 150.0, row as f64 - 100.0, 400.0)
+        };
+        let count = columns * rows;
+        let in_rows: Vec<DVec3> = (0..count).map(at).collect();
+        // A step that has no factor in common with their number.
+        let scattered: Vec<DVec3> = (0..count).map(|index| at(index * 7919 % count)).collect();
+        for (directions, is_in_rows) in [(&in_rows, true), (&scattered, false)] {
+            let order = order(directions);
+            let mut all = order.clone();
+            all.sort_unstable();
+            assert!(all.iter().copied().eq(0..count as u32));
+            let in_parts = order.chunks(PART).enumerate().all(|(part, some)| {
+                let mut parts = some.iter().map(|&index| index as usize / PART);
+                parts.all(|of| of == part)
+            });
+            assert_eq!(in_parts, is_in_rows);
+            let pairs = order.windows(2).map(|two| {
+                let [one, other] = [two[0], two[1]].map(|index| directions[index as usize]);
+                (one - other).length()
+            });
+            let apart: Vec<f64> = pairs.collect();
+            let near = apart.iter().filter(|&&apart| apart < 2.0).count();
+            assert!(4 * near > 3 * apart.len(), "{near}");
+        }
     }
 
     #[test]
