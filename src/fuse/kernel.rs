@@ -15,7 +15,7 @@
 )]
 
 use super::geometry::PairGeometry;
-use super::near::{Near, Relative};
+use super::near::{Near, Relative, whole};
 #[cfg(test)]
 use super::samples::Grid;
 use super::samples::Samples;
@@ -27,8 +27,8 @@ pub(super) const BLOCK: usize = 64;
 
 /// Reference pixels to test, their depths known. Entries from `len` on are harmless.
 ///
-/// As nearly all that the loop goes over, laid out so that vectors of entries begin where cache lines do: the widest are
-/// as long as a line, and each would be fetched from two.
+/// As nearly all that the loop goes over, laid out so that vectors of entries begin where cache lines do: the
+/// widest are as long as a line, and each would be fetched from two.
 #[repr(C, align(64))]
 pub(super) struct Block {
     /// Index of the pixel in its map, row-major.
@@ -254,19 +254,6 @@ impl Pair {
             to.inverse[i] = if inside { inverse as f32 } else { 0.0 };
         }
     }
-}
-
-/// 2^52: adding and subtracting it rounds an f64 below it to a whole number.
-const ROUND: f64 = 4_503_599_627_370_496.0;
-
-/// A whole number ≥ 0 and below 2^32 as an integer: the low bits of its sum with 2^52.
-#[inline(always)]
-#[allow(
-    clippy::cast_possible_truncation,
-    reason = "the upper bits are those of 2^52"
-)]
-fn whole(value: f64) -> u32 {
-    (value + ROUND).to_bits() as u32
 }
 
 #[cfg(test)]

@@ -249,9 +249,8 @@ impl Relative {
             (self.first[0][k], self.first[1][k]) = (-left as f32, -top as f32);
             (self.last[0][k], self.last[1][k]) = ((right - left) as f32, (bottom - top) as f32);
             let (before, stride) = (sources.left[k] - left, sources.stride[k]);
-            let first = before as f32;
-            self.stored[0][k] = first;
-            self.stored[1][k] = (f64::from(first) + (stride - 2.0)) as f32;
+            self.stored[0][k] = before as f32;
+            self.stored[1][k] = (before + (stride - 2.0)) as f32;
             let (bias, stride) = (WHOLE.to_bits(), whole(stride));
             let place = whole(top).wrapping_mul(stride).wrapping_add(whole(-before));
             self.place[k] = place
@@ -308,7 +307,7 @@ impl Relative {
 
 /// The low bits of a whole number, of either sign: those of its sum with 1.5 · 2^52.
 #[inline(always)]
-fn whole(value: f64) -> u32 {
+pub(super) fn whole(value: f64) -> u32 {
     (value + 6_755_399_441_055_744.0).to_bits() as u32
 }
 

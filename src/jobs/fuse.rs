@@ -2,6 +2,7 @@
 
 mod cams;
 mod check;
+mod find;
 mod maps;
 mod output;
 pub mod sweep;
@@ -18,8 +19,8 @@ use crate::fuse::{
 };
 use crate::provenance::Run;
 pub use check::check_used;
+pub(super) use find::find_image;
 use glam::DVec3;
-pub(super) use maps::find_image;
 use maps::{FileScratch, FolderMaps};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};

@@ -44,7 +44,7 @@ pub fn read_mesh(
 }
 
 /// Refuses a mesh in which nothing is to be seen, as where positions were rounded to few digits.
-fn check_surface(mesh: &Mesh, paths: &[PathBuf]) -> Result<()> {
+pub(super) fn check_surface(mesh: &Mesh, paths: &[PathBuf]) -> Result<()> {
     let has_area = |triangle| {
         let [a, b, c] = mesh.corners(triangle);
         (b - a).cross(c - a) != DVec3::ZERO

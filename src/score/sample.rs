@@ -72,14 +72,6 @@ fn by_area(mesh: &Mesh, spacing: f64, seed: u64) -> Result<Vec<DVec3>> {
     let total: f64 = triangles(mesh).map(area_of).sum();
     let piece = spacing * spacing;
     let count = (total / piece).ceil();
-    if total == 0.0 {
-        let problem = format!(
-            "expected a surface, found {} triangles without an area: all of their corners coincide or lie \
-             on a line",
-            mesh.triangles().len()
-        );
-        return Err(Error::invalid("mesh", problem));
-    }
     if !(1.0..=MOST_SAMPLES).contains(&count) {
         let problem = format!(
             "expected a surface for 1 to {MOST_SAMPLES} samples, found an area of {total} and a \

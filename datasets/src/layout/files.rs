@@ -56,7 +56,8 @@ pub fn write_by_way_of(
 }
 
 /// Removes what runs that were killed have left of writing `path`, beside it. What a run still writes it
-/// holds locked (on a network file system that keeps locks to each machine only against its own), and what cannot be removed stays.
+/// holds locked (on a network file system that keeps locks to each machine, only against runs on its own),
+/// and what cannot be removed stays.
 pub fn remove_left(path: &Path) {
     let prefix = prefix_for(path);
     let is_left = |name: &OsStr| {

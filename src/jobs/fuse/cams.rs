@@ -1,7 +1,8 @@
 //! A folder of cams as depth maps to fuse: which views, and the size that each camera is for.
 
 use super::FuseJob;
-use super::maps::{Encoding, Entry, camera_for, check_present, find_image, find_mask};
+use super::find::{camera_for, check_present, find_image, find_mask};
+use super::maps::{Encoding, Entry};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::jobs::{Context, cameras};

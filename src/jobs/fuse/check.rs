@@ -1,7 +1,7 @@
 //! What a job of fusion must not ask for, and what it reads.
 
 use super::FuseJob;
-use super::maps::IMAGE_FOLDERS;
+use super::find::IMAGE_FOLDERS;
 use crate::error::{Error, Result};
 use crate::fuse::FuseMode;
 use mvs_datasets::layout::cameras::source_files;

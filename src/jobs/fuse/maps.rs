@@ -11,19 +11,15 @@ use mvs_datasets::FormatError;
 use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
-use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_datasets::layout::workspace::Workspace;
 use mvs_datasets::scene::{
-    Camera, ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View, Window,
+    ColorImage, DepthMap, Mask, NormalMap, Raster, RejectedDepths, View, Window,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-
-/// Folders in which images of a scene are looked for, relative to it.
-pub(super) const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
 
 /// One in so many depths that became points is next to nothing.
 const FEW: u64 = 100;
@@ -140,51 +136,6 @@ fn warn_of_missing_images(entries: &[Entry], context: &Context<'_>) {
         );
         context.warnings.add("missing-image", message);
     }
-}
-
-/// Checks that there are depth maps, and warns of views without one; `example` is one's path.
-pub(super) fn check_present(
-    (present, all): (usize, usize),
-    example: &Path,
-    context: &Context<'_>,
-) -> Result<()> {
-    if present == 0 {
-        let folder = example.parent().unwrap_or(example);
-        let name = example.file_name().unwrap_or_default().to_string_lossy();
-        let problem = format!("expected depth maps named like {name}, found none");
-        return Err(Error::invalid(folder.display().to_string(), problem));
-    }
-    if present < all {
-        let message = format!("{} views have no depth map", all - present);
-        context.warnings.add("missing-depth", message);
-    }
-    Ok(())
-}
-
-/// The camera scaled to the size of the depth map in the file `depth`.
-pub(super) fn camera_for(camera: &Camera, size: (u32, u32), depth: &Path) -> Result<Camera> {
-    let resized = camera.resized(size.0, size.1);
-    resized.map_err(|error| Error::invalid(depth.display().to_string(), error.to_string()))
-}
-
-pub(super) fn find_mask(folder: &Path, id: u32) -> Result<PathBuf> {
-    let names = [".png", ".jpg"].map(|suffix| folder.join(mvsnet::file_name(id, suffix)));
-    names.into_iter().find(|path| path.exists()).ok_or_else(|| {
-        let problem = format!(
-            "expected a mask {}, found none",
-            mvsnet::file_name(id, ".png")
-        );
-        Error::invalid(folder.display().to_string(), problem)
-    })
-}
-
-/// The image of view `id`, if the scene has one.
-pub(in crate::jobs) fn find_image(scene: &Path, id: u32) -> Option<PathBuf> {
-    let names = [".jpg", ".png"].map(|suffix| mvsnet::file_name(id, suffix));
-    let folders = IMAGE_FOLDERS.iter().map(|folder| scene.join(folder));
-    folders
-        .flat_map(|folder| names.clone().map(|name| folder.join(name)))
-        .find(|path| path.exists())
 }
 
 impl DepthMaps for FolderMaps<'_> {

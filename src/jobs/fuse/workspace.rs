@@ -1,7 +1,8 @@
 //! A COLMAP dense workspace as depth maps to fuse.
 
 use super::FuseJob;
-use super::maps::{Encoding, Entry, camera_for, check_present};
+use super::find::{camera_for, check_present};
+use super::maps::{Encoding, Entry};
 use crate::error::{Error, Result};
 use crate::generate::{PairOptions, sparse_sources};
 use crate::jobs::Context;

@@ -2,6 +2,7 @@
 
 use super::ScoreJob;
 use crate::error::{Error, Result};
+use crate::jobs::meshes::check_surface;
 use crate::score::cameras::Trajectories;
 use crate::score::gates::{self, Gate};
 use crate::score::points::FinitePoints;
@@ -41,6 +42,9 @@ impl Surface {
             Self::Cloud(points) => return Ok((points, None)),
             Self::Mesh(mesh, path) => (mesh, path),
         };
+        if how == MeshAs::Area {
+            check_surface(&mesh, std::slice::from_ref(&path))?;
+        }
         let spacing = SCALE_MARGIN * tau / 2.0;
         let points = sample::points_of(&mesh, how, spacing, seed).map_err(|error| match error {
             Error::Invalid { problem, .. } => Error::invalid(path.display().to_string(), problem),

@@ -34,26 +34,24 @@ fn missing_files_are_named() {
 fn singular_intrinsics_and_cameras_behind_the_mesh_are_named() {
     let scene = small_scene();
     let path = |name: &str| scene.path().join(name);
-    write(
-        &path("flat/00000000_cam.txt"),
-        CAM.replace("40 0 20", "0 0 20"),
-    );
-    let arguments = [path("mesh.obj"), path("flat"), path("out1")];
-    let error = ["00000000_cam.txt", "singular"];
-    assert_refused(
-        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
-        &error,
-    );
-    write(
-        &path("behind/00000000_cam.txt"),
-        CAM.replace("0 0 1 0\n0 0 0 1", "0 0 1 -9\n0 0 0 1"),
-    );
-    let arguments = [path("mesh.obj"), path("behind"), path("out2")];
-    let error = ["views that see the mesh", "world-to-camera"];
-    assert_refused(
-        &render_arguments(&arguments[0], &arguments[1], &arguments[2]),
-        &error,
-    );
+    let places = [
+        (
+            "flat",
+            ["40 0 20", "0 0 20"],
+            ["00000000_cam.txt", "singular"],
+        ),
+        (
+            "behind",
+            ["0 0 1 0\n0 0 0 1", "0 0 1 -9\n0 0 0 1"],
+            ["views that see the mesh", "world-to-camera"],
+        ),
+    ];
+    for (cameras, [from, to], error) in places {
+        let cams = path(cameras);
+        write(&cams.join("00000000_cam.txt"), CAM.replace(from, to));
+        let out = path(&format!("{cameras}-out"));
+        assert_refused(&render_arguments(&path("mesh.obj"), &cams, &out), &error);
+    }
 }
 
 const EMPTY_CLOUD: &str = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\n\
