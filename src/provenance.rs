@@ -29,20 +29,16 @@ pub struct Run {
     /// BLAKE3 of each input, by the path it was given as.
     #[serde(default)]
     pub inputs: BTreeMap<String, String>,
-    /// The files of a result folder that this run wrote, by their paths in it; a later run with
-    /// `--force` removes those that it does not write again.
+    /// The files that this run wrote, by their paths from the folder of its `run.toml`. Where they lie in a
+    /// folder that is an input, they are none of it. A later run into a result folder with `--force` removes
+    /// those that it does not write again.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub files: BTreeSet<String>,
 }
 
 impl Run {
-    /// The run of `command` with these resolved options on these inputs, which are hashed.
-    pub fn new(command: &str, options: &impl Serialize, inputs: &[&Path]) -> Result<Self> {
-        Self::of(command, options, &Inputs::list(inputs)?)
-    }
-
-    /// The run of `command` with these resolved options on inputs of which some are hashed already.
-    pub fn of(command: &str, options: &impl Serialize, inputs: &Inputs) -> Result<Self> {
+    /// The run of `command` with these resolved options on these inputs; those that are not hashed yet are.
+    pub fn new(command: &str, options: &impl Serialize, inputs: &Inputs) -> Result<Self> {
         let options = toml::Table::try_from(options)
             .map_err(|error| Error::invalid("run.toml", error.to_string()))?;
         let inputs = inputs.hashes()?;
@@ -79,13 +75,24 @@ impl Run {
         Ok(())
     }
 
-    /// The inputs whose content is no longer what it was, or that are gone.
-    pub fn changed_inputs(&self) -> Vec<String> {
+    /// The inputs whose content is no longer what it was, or that are gone. What this run itself wrote into
+    /// them, found from its `run.toml` at `run_file`, does not count; all else that was added does, other
+    /// results too: they may be read.
+    pub fn changed_inputs(&self, run_file: &Path) -> Vec<String> {
+        let own = self.own(run_file);
         let unchanged = |(path, hash): &(&String, &String)| {
-            hash_path(Path::new(path)).is_ok_and(|now| now == **hash)
+            let listed = Inputs::list(&[Path::new(path)], &own);
+            let now = listed.and_then(|listed| listed.hashes());
+            now.is_ok_and(|now| now.values().eq([*hash]))
         };
         let changed = self.inputs.iter().filter(|input| !unchanged(input));
         changed.map(|(path, _)| path.clone()).collect()
+    }
+
+    /// The run's `run.toml` at `run_file`, and the files that it names.
+    pub fn own(&self, run_file: &Path) -> Vec<PathBuf> {
+        let named = self.files.iter().map(|name| run_file.with_file_name(name));
+        named.chain([run_file.to_path_buf()]).collect()
     }
 }
 
@@ -95,6 +102,8 @@ impl Run {
 pub struct Inputs {
     /// By the path they were given as.
     listed: BTreeMap<String, Listed>,
+    /// What is left out of folders, by its [`real_path`].
+    own: BTreeSet<PathBuf>,
     known: Mutex<BTreeMap<PathBuf, blake3::Hash>>,
 }
 
@@ -143,19 +152,23 @@ enum Listed {
 }
 
 impl Inputs {
-    /// Lists files and folders with all that lies in them.
+    /// Lists files and folders with all the files that lie in them, but for this program's temporary ones
+    /// and those of `own`: what the run itself writes or replaces.
     ///
     /// # Errors
     /// What is missing, and what is no regular file.
-    pub fn list(paths: &[&Path]) -> Result<Self> {
-        let mut inputs = Self::default();
+    pub fn list(paths: &[&Path], own: &[PathBuf]) -> Result<Self> {
+        let mut inputs = Self {
+            own: own.iter().filter_map(|path| real_path(path)).collect(),
+            ..Self::default()
+        };
         paths.iter().try_for_each(|path| inputs.add(path))?;
         Ok(inputs)
     }
 
     /// Lists another one.
     pub fn add(&mut self, path: &Path) -> Result<()> {
-        let listed = Listed::at(path)?;
+        let listed = Listed::at(path, &self.own)?;
         self.listed.insert(path.display().to_string(), listed);
         Ok(())
     }
@@ -237,15 +250,12 @@ impl Inputs {
 }
 
 impl Listed {
-    fn at(path: &Path) -> Result<Self> {
-        let metadata = std::fs::metadata(path).map_err(mvs_datasets::Error::io(path, "read"))?;
+    fn at(path: &Path, own: &BTreeSet<PathBuf>) -> Result<Self> {
+        let unreadable = || mvs_datasets::Error::io(path, "read");
+        let metadata = std::fs::metadata(path).map_err(unreadable())?;
         if metadata.is_dir() {
-            let named = |entry: PathBuf| {
-                let name = entry.strip_prefix(path).unwrap_or(&entry);
-                Ok((name.to_string_lossy().into_owned(), Self::at(&entry)?))
-            };
-            let entries = sorted_entries(path)?.into_iter().map(named);
-            return Ok(Self::Folder(entries.collect::<Result<_>>()?));
+            let real = path.canonicalize().map_err(unreadable())?;
+            return Self::folder(path, &real, own);
         }
         if !metadata.is_file() {
             let problem = "expected a regular file, found a pipe or a device: write its content to a file first";
@@ -253,6 +263,31 @@ impl Listed {
         }
         Ok(Self::File(path.to_path_buf()))
     }
+
+    /// What lies in the folder at `path`, which is `real`. Folders in it without files are as good as not
+    /// there: results make them.
+    fn folder(path: &Path, real: &Path, own: &BTreeSet<PathBuf>) -> Result<Self> {
+        let mut entries = Vec::new();
+        for entry in sorted_entries(path)? {
+            let name = entry.strip_prefix(path).unwrap_or(&entry);
+            let shown = name.to_string_lossy();
+            if shown.starts_with(files::TEMPORARY) {
+                continue;
+            }
+            match Self::at(&entry, own)? {
+                Self::Folder(inside) if inside.is_empty() => {}
+                Self::File(_) if own.contains(&real.join(name)) => {}
+                listed => entries.push((shown.into_owned(), listed)),
+            }
+        }
+        Ok(Self::Folder(entries))
+    }
+}
+
+/// Where a file lies or would lie, whatever links its folder is reached by; none without a folder.
+pub(crate) fn real_path(path: &Path) -> Option<PathBuf> {
+    let folder = files::folder_of(path).canonicalize().ok()?;
+    Some(folder.join(path.file_name()?))
 }
 
 fn hash_file(path: &Path) -> Result<blake3::Hash> {
@@ -265,7 +300,8 @@ fn hash_file(path: &Path) -> Result<blake3::Hash> {
 
 /// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.
 pub fn hash_path(path: &Path) -> Result<String> {
-    Inputs::default().hash(&Listed::at(path)?)
+    let listed = Listed::at(path, &BTreeSet::new())?;
+    Inputs::default().hash(&listed)
 }
 
 /// SHA-256 of a file's bytes, in hexadecimal: what `sha256sum` prints and records name files by.
@@ -316,7 +352,7 @@ mod tests {
         put("in/below/b", &large);
         put("other", b"");
         let (inside, other) = (path("in"), path("other"));
-        let inputs = Inputs::list(&[&inside, &other]).unwrap();
+        let inputs = Inputs::list(&[&inside, &other], &[]).unwrap();
         let read = |name: &str, pieces: &[&[u8]]| {
             let path = path(name);
             let mut reading = inputs.reading(&path);
@@ -334,21 +370,55 @@ mod tests {
         read("elsewhere", &[b"is no input"]);
         // What comes later is no input.
         put("in/c", b"a result");
-        let run = |inputs: &Inputs| Run::of("test", &toml::Table::new(), inputs).unwrap();
+        let run = |inputs: &Inputs| Run::new("test", &toml::Table::new(), inputs).unwrap();
         let found = run(&inputs).inputs;
         std::fs::remove_file(path("in/c")).unwrap();
         let expected = |path: &Path| (path.display().to_string(), hash_path(path).unwrap());
         assert_eq!(found, [expected(&inside), expected(&other)].into());
         assert_eq!(
             found,
-            run(&Inputs::list(&[&other, &inside]).unwrap()).inputs
+            run(&Inputs::list(&[&other, &inside], &[]).unwrap()).inputs
         );
         assert_eq!(expected(&other).1, blake3::hash(b"").to_hex().to_string());
         let known = blake3::hash(&large).to_hex().to_string();
         assert_eq!(hash_path(&path("in/below/b")).unwrap(), known);
         read("in/a", &[b"as it was ", b"read"]);
         assert_ne!(found, run(&inputs).inputs);
-        assert!(Inputs::list(&[&path("missing")]).is_err());
+        assert!(Inputs::list(&[&path("missing")], &[]).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn own_files_are_left_out_by_whatever_path_and_nothing_else_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let put = |name: &str| {
+            files::write_atomically(&path(name), |out| out.write_all(name.as_bytes())).unwrap();
+        };
+        put("in/a");
+        std::os::unix::fs::symlink(path("in"), path("link")).unwrap();
+        let listed = |own: &[&str]| {
+            let own: Vec<PathBuf> = own.iter().map(|name| path(name)).collect();
+            let (inside, link) = (path("in"), path("link"));
+            let inputs = Inputs::list(&[&inside, &link], &own).unwrap();
+            let hashes: Vec<String> = inputs.hashes().unwrap().into_values().collect();
+            assert_eq!(hashes[0], hashes[1]);
+            hashes[0].clone()
+        };
+        let first = listed(&["elsewhere/a", "in/below/b"]);
+        assert_eq!(first, hash_path(&path("in")).unwrap());
+        put("in/below/b");
+        put("in/below/.mvs-eval-b-Ab12cd.part");
+        std::fs::create_dir(path("in/empty")).unwrap();
+        for own in ["in/below/b", "link/below/b", "in/below/../../link/below/b"] {
+            assert_eq!(listed(&[own]), first, "{own}");
+        }
+        for others in ["in/b", "below/b", "in/below", "in/below/c"] {
+            assert_ne!(listed(&[others]), first, "{others}");
+        }
+        // An input that is named itself is one.
+        let itself = Inputs::list(&[&path("in/a")], &[path("in/a")]).unwrap();
+        assert_eq!(itself.files(), [path("in/a")]);
     }
 
     #[test]

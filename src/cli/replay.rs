@@ -12,7 +12,7 @@ use toml::{Table, Value};
 /// Make a result again from its run.toml
 ///
 /// Run it in the folder where the first run was started if the paths in run.toml are relative.
-/// Inputs that have changed since are named.
+/// Inputs that have changed since are named; what the run itself wrote into them is no change.
 #[derive(Debug, Args)]
 pub(crate) struct ReplayArgs {
     /// The run.toml beside a result
@@ -31,7 +31,7 @@ impl ReplayArgs {
 
 pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict> {
     let run = Run::read(&args.run)?;
-    for path in run.changed_inputs() {
+    for path in run.changed_inputs(&args.run) {
         output::say(&format!(
             "warning [input-changed]: {path} is not what it was in the first run"
         ));

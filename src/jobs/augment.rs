@@ -62,7 +62,7 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
         let problem = "expected images (.jpg or .png) here or in blended_images/, found none";
         return Err(mvs_datasets::Error::layout(&job.images, problem).into());
     }
-    let run = Run::new("augment", job, &[&folder])?;
+    let run = Run::new("augment", job, &OutDir::inputs(&job.out, &[&folder])?)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let given: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
     let given: Vec<&Path> = given.iter().map(PathBuf::as_path).collect();

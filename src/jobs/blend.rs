@@ -72,7 +72,11 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
         ],
     )?;
     let inputs = find_inputs(job)?;
-    let run = Run::new("blend", job, &[&job.rendered, &job.photos])?;
+    let run = Run::new(
+        "blend",
+        job,
+        &OutDir::inputs(&job.out, &[&job.rendered, &job.photos])?,
+    )?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let photographs: Vec<&Path> = inputs
         .iter()

@@ -145,7 +145,11 @@ fn create(job: &DepthJob, path: &Path, context: &Context<'_>) -> Result<OutDir> 
     let mut read: Vec<&Path> = truth.iter().map(PathBuf::as_path).collect();
     read.push(&job.estimates);
     read.extend(job.confidence.as_deref());
-    OutDir::create(path, Run::new("depth", job, &read)?, context.force)
+    OutDir::create(
+        path,
+        Run::new("depth", job, &OutDir::inputs(path, &read)?)?,
+        context.force,
+    )
 }
 
 fn one_view(

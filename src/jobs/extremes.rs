@@ -12,7 +12,7 @@ mod score;
 
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
-use crate::provenance::Run;
+use crate::provenance::{Inputs, Run};
 use place::Place;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -163,7 +163,11 @@ pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> 
             return Err(Error::invalid(option, "expected at least 1, found 0"));
         }
     }
-    let out = OutDir::create(&job.out, Run::new("extremes", job, &[])?, context.force)?;
+    let out = OutDir::create(
+        &job.out,
+        Run::new("extremes", job, &Inputs::default())?,
+        context.force,
+    )?;
     let rows = measure(job, context)?;
     out.write("extremes.csv", |file| {
         let mut writer = csv::Writer::from_writer(file);

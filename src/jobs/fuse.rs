@@ -8,8 +8,7 @@ mod output;
 pub mod sweep;
 mod workspace;
 
-use super::out::check_no_input;
-use super::out::remove_if_there;
+use super::out::{check_no_input, remove_if_there, write_run_file};
 use super::{Context, check_out_file, run_file_beside};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -138,13 +137,13 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let (report, run_file) = (report_path(&job.out), run_file_beside(&job.out));
     let visible = visible_path(&job.out);
     check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
-    let maps = FolderMaps::open(job, context)?;
-    check_no_input(
-        &[&job.out, &report, &run_file, &visible],
-        maps.files(!run_file.exists())
-            .into_iter()
-            .chain(job.crop.as_deref()),
-    )?;
+    let mut own = vec![job.out.clone(), report, run_file.clone(), visible.clone()];
+    // Without its run.toml, what has the result's name is no earlier result.
+    let replaced = if run_file.exists() { &own[..] } else { &[] };
+    let maps = FolderMaps::open(job, replaced, context)?;
+    let results: Vec<&Path> = own.iter().map(PathBuf::as_path).collect();
+    let read = maps.files().into_iter().chain(job.crop.as_deref());
+    check_no_input(&results, read)?;
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
     let region: Option<&Region<'_>> = if prism.is_some() { Some(&inside) } else { None };
@@ -164,7 +163,9 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         remove_if_there(&visible)?; // that of the cloud before
     }
     write_report(job, &outcome)?;
-    Run::of("fuse", job, &maps.inputs)?.write(&run_file)?;
+    own.retain(|path| *path != run_file && path.is_file());
+    own.extend(maps.filtered(job));
+    write_run_file(Run::new("fuse", job, &maps.inputs)?, &run_file, &own)?;
     Ok(outcome)
 }
 

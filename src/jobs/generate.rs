@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::generate::{
     self, Extra, GenerateOptions, Part, PhotoFolder, Source, Target, scene_id, sparse_sources,
 };
-use crate::provenance::Run;
+use crate::provenance::{Inputs, Run};
 use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use mvs_datasets::layout::cameras::{self as layout, CameraSource, CamerasOptions};
@@ -92,7 +92,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let name = name_of(job);
     let id = id_of(job, &name)?;
     let roots = roots_of(job)?;
-    let blank = Run::new("generate", job, &[])?;
+    let blank = Run::new("generate", job, &Inputs::default())?;
     for (root, _) in &roots {
         OutDir::check_again(&root.join(&id), &blank, context.force)?;
     }
@@ -105,7 +105,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
     let inputs = inputs_of(job, &loaded, &photographs)?;
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
-    let run = Run::new("generate", job, &inputs)?;
+    let run = Run::new("generate", job, &Inputs::list(&inputs, &[])?)?;
     let create = |(root, _): &(PathBuf, _)| {
         OutDir::create_again(&root.join(&id), run.clone(), context.force)
     };

@@ -1,7 +1,7 @@
 //! Places for results: checked before the long work, never destroyed without leave.
 
 use crate::error::{Error, Result};
-use crate::provenance::Run;
+use crate::provenance::{Inputs, Run, real_path};
 use mvs_datasets::layout::blocks::BlockWriter;
 use mvs_datasets::layout::files;
 use std::collections::BTreeSet;
@@ -31,6 +31,20 @@ pub struct OutDir {
 }
 
 impl OutDir {
+    /// Lists the inputs of a run into the folder `path`. The result before it, whole or not, is none of them
+    /// wherever it lies: this one replaces it.
+    ///
+    /// # Errors
+    /// As [`Inputs::list`].
+    pub fn inputs(path: &Path, inputs: &[&Path]) -> Result<Inputs> {
+        let marks = [FINISHED, UNFINISHED].map(|mark| path.join(mark));
+        let own = marks.iter().flat_map(|mark| match Run::read(mark) {
+            Ok(run) => run.own(mark),
+            Err(_) => vec![mark.clone()],
+        });
+        Inputs::list(inputs, &own.collect::<Vec<_>>())
+    }
+
     /// Makes the folder for the result of `run`, or takes an existing one that has no result yet,
     /// that an interrupted run of the same options and inputs left behind, or, with `force`, any.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
@@ -144,8 +158,7 @@ impl OutDir {
     pub fn finish(mut self) -> Result<()> {
         self.before = None;
         let asked = std::mem::take(self.asked.get_mut().unwrap_or_else(PoisonError::into_inner));
-        let names = asked.iter().filter(|name| self.path.join(name).is_file());
-        let written: BTreeSet<String> = names.filter_map(|name| as_text(name)).collect();
+        let written = self.written(&asked);
         for name in self.run.files.difference(&written) {
             remove_within(&self.path, name)?;
         }
@@ -153,13 +166,26 @@ impl OutDir {
         self.run.write(&self.path.join(FINISHED))?;
         remove_if_there(&self.path.join(UNFINISHED))
     }
+
+    /// The names of those that were asked for and are there.
+    fn written(&self, asked: &BTreeSet<PathBuf>) -> BTreeSet<String> {
+        let names = asked.iter().filter(|name| self.path.join(name).is_file());
+        names.filter_map(|name| as_text(name)).collect()
+    }
 }
 
 impl Drop for OutDir {
-    /// A run that failed before its first file leaves the result before it as it was.
+    /// A run that failed before its first file leaves the result before it as it was; one that failed after
+    /// it, the names of its files in its mark.
     fn drop(&mut self) {
         let asked = self.asked.get_mut().unwrap_or_else(PoisonError::into_inner);
-        if let (Some(before), true) = (&self.before, asked.is_empty() && !self.begun)
+        let asked = std::mem::take(asked);
+        if !asked.is_empty() {
+            let written = self.written(&asked);
+            self.run.files.extend(written);
+            // Without the names they count as others' files.
+            let _ = self.run.write(&self.path.join(UNFINISHED));
+        } else if let (Some(before), true) = (&self.before, !self.begun)
             && before.write(&self.path.join(FINISHED)).is_ok()
         {
             // Nothing can be said of a failure here; both marks together are known as unfinished.
@@ -218,15 +244,11 @@ pub(super) fn check_no_input<'p>(
     results: &[&Path],
     mut inputs: impl Iterator<Item = &'p Path>,
 ) -> Result<()> {
-    let folder = |path: &Path| match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.canonicalize().ok(),
-        _ => Path::new(".").canonicalize().ok(),
-    };
     let is_one = |input: &&Path| {
         let mut named = results
             .iter()
             .filter(|result| result.file_name() == input.file_name());
-        named.any(|result| folder(result).is_some_and(|result| folder(input) == Some(result)))
+        named.any(|result| real_path(result).is_some_and(|result| real_path(input) == Some(result)))
     };
     match inputs.find(is_one) {
         Some(input) => {
@@ -264,10 +286,7 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
     if path.exists() && !force {
         return Err(Error::exists(path));
     }
-    let parent = path
-        .parent()
-        .filter(|parent| !parent.as_os_str().is_empty());
-    let parent = parent.unwrap_or(Path::new("."));
+    let parent = files::folder_of(path);
     fs::create_dir_all(parent).map_err(mvs_datasets::Error::io(parent, "create the folder"))?;
     files::remove_left(path);
     Ok(())
@@ -285,6 +304,22 @@ pub fn run_file_beside(result: &Path) -> PathBuf {
     result.with_extension("run.toml")
 }
 
+/// Writes the `run.toml` of a run at `run_file`, which names its result `files`: by their paths from the
+/// folder of the `run.toml`, or whole ones where they lie elsewhere.
+pub(super) fn write_run_file(mut run: Run, run_file: &Path, files: &[PathBuf]) -> Result<()> {
+    let folder = real_path(run_file);
+    let folder = folder.as_deref().and_then(Path::parent);
+    let name = |file: &PathBuf| {
+        let file = real_path(file)?;
+        match folder.and_then(|folder| file.strip_prefix(folder).ok()) {
+            Some(inside) => as_text(inside),
+            None => file.to_str().map(str::to_owned),
+        }
+    };
+    run.files = files.iter().filter_map(name).collect();
+    run.write(run_file)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -293,7 +328,7 @@ mod tests {
     fn run_of(samples: u32) -> Run {
         let mut job = RenderJob::default();
         job.render.samples = samples;
-        Run::new("render", &job, &[]).unwrap()
+        Run::new("render", &job, &Inputs::default()).unwrap()
     }
 
     #[test]
@@ -406,12 +441,67 @@ mod tests {
         assert!(!folder.path().join(UNFINISHED).exists());
     }
 
+    /// A result folder in a folder that is read: cut short, gone on with, replaced, beside another one.
+    #[test]
+    fn a_result_among_its_inputs_is_none_of_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str| {
+            let path = folder.path().join(name);
+            files::write_atomically(&path, |out| out.write_all(name.as_bytes())).unwrap();
+        };
+        put("scene/0.pfm");
+        let scene = folder.path().join("scene");
+        let path = folder.path().join("scene/new/result");
+        let create = |path: &Path, samples, force| {
+            let mut job = RenderJob::default();
+            job.render.samples = samples;
+            let run = Run::new("render", &job, &OutDir::inputs(path, &[&scene])?)?;
+            OutDir::create(path, run, force)
+        };
+        let run_file = path.join(FINISHED);
+        let changed = || Run::read(&run_file).unwrap().changed_inputs(&run_file);
+        let out = create(&path, 4, false).unwrap();
+        let first = out.run.inputs.clone();
+        out.write_json("maps/0.json", &4).unwrap();
+        out.write_json("maps/1.json", &4).unwrap();
+        drop(out);
+        assert!(create(&path, 16, false).is_err(), "other options");
+        let out = create(&path, 4, false).unwrap();
+        out.write_json("maps/0.json", &4).unwrap();
+        out.finish().unwrap();
+        assert!(!path.join("maps/1.json").exists());
+        assert_eq!(changed(), [""; 0]);
+        for (samples, name) in [(16, "other.json"), (16, "maps/0.json")] {
+            let out = create(&path, samples, true).unwrap();
+            assert_eq!(out.run.inputs, first, "{name}");
+            out.write_json(name, &samples).unwrap();
+            out.finish().unwrap();
+            assert_eq!(changed(), [""; 0], "{name}");
+        }
+        for (name, counts) in [
+            ("scene/1.pfm", true),
+            ("scene/new/result/notes", true),
+            ("scene/new/result/other.json", true),
+            ("scene/new/.mvs-eval-0.pfm-Ab12cd.part", false),
+        ] {
+            put(name);
+            assert_eq!(changed().len(), usize::from(counts), "{name}");
+            fs::remove_file(folder.path().join(name)).unwrap();
+            assert_eq!(changed(), [""; 0], "{name}");
+        }
+        let other = create(&scene.join("other"), 4, false).unwrap();
+        assert_ne!(other.run.inputs, first, "the first result may be read");
+        other.finish().unwrap();
+        assert_eq!(changed(), [scene.display().to_string()]);
+    }
+
     #[test]
     fn no_result_goes_into_an_input() {
         let folder = tempfile::tempdir().unwrap();
         let photos = folder.path().join("photos");
         fs::create_dir(&photos).unwrap();
-        let run = Run::new("blend", &RenderJob::default(), &[&photos]).unwrap();
+        let inputs = Inputs::list(&[&photos], &[]).unwrap();
+        let run = Run::new("blend", &RenderJob::default(), &inputs).unwrap();
         let error = OutDir::create(&folder.path().join("photos/../photos"), run, true);
         let said = error.unwrap_err().to_string();
         assert!(said.contains("photos: expected another folder"), "{said}");

@@ -2,10 +2,11 @@
 
 use super::cameras::{self, CameraOptions};
 use super::meshes::{MeshOptions, read_mesh};
+use super::out::write_run_file;
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::generate::{Covisibility, PairOptions, sparse_sources};
-use crate::provenance::Run;
+use crate::provenance::{Inputs, Run};
 use crate::render::{BackFaces, Renderer};
 use mvs_datasets::format::pair::{self, PairEntry};
 use mvs_datasets::layout::cameras::CamerasOptions;
@@ -75,9 +76,10 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     } else {
         exact(job, context)?
     };
+    let own = [job.out.clone(), run_file.clone()];
     let mut inputs: Vec<&Path> = vec![&job.cameras];
     inputs.extend(meshes.iter().map(PathBuf::as_path));
-    let run = Run::new("pairs", job, &inputs)?;
+    let run = Run::new("pairs", job, &Inputs::list(&inputs, &own)?)?;
     let outcome = outcome(&views, sources);
     if outcome.views.is_empty() {
         let problem = format!(
@@ -104,7 +106,7 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     };
     let entries: Vec<PairEntry> = outcome.views.iter().map(entry).collect();
     files::write_atomically(&job.out, |out| pair::write(out, &entries))?;
-    run.write(&run_file)?;
+    write_run_file(run, &run_file, &own[..1])?;
     Ok(outcome)
 }
 

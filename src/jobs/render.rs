@@ -112,7 +112,11 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
     let mut inputs: Vec<&Path> = loaded.files.iter().map(PathBuf::as_path).collect();
     inputs.push(&job.cameras);
-    let out = OutDir::create(&job.out, Run::new("render", job, &inputs)?, context.force)?;
+    let out = OutDir::create(
+        &job.out,
+        Run::new("render", job, &OutDir::inputs(&job.out, &inputs)?)?,
+        context.force,
+    )?;
     let bent = cameras::lens_count(&scene);
     if bent > 0 {
         let message = format!(

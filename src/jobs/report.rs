@@ -51,7 +51,11 @@ pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     let boards = leaderboard::boards(&records).map_err(|error| place_of(error, &files))?;
     let mut inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     inputs.extend(job.pictures.iter().map(PathBuf::as_path));
-    let out = OutDir::create(&job.out, Run::new("report", job, &inputs)?, context.force)?;
+    let out = OutDir::create(
+        &job.out,
+        Run::new("report", job, &OutDir::inputs(&job.out, &inputs)?)?,
+        context.force,
+    )?;
     let tables = leaderboard::site_tables(&boards);
     context.progress.begin("page", 1);
     let (page, still) = page::of(job, &files, &tables, context)?;

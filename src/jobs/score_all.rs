@@ -82,7 +82,11 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     let tasks = find_tasks(root, job.methods.as_deref())?;
     let inputs = inputs_of(&tasks);
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
-    let out = OutDir::create(&job.out, Run::new("score", job, &inputs)?, context.force)?;
+    let out = OutDir::create(
+        &job.out,
+        Run::new("score", job, &OutDir::inputs(&job.out, &inputs)?)?,
+        context.force,
+    )?;
     // What lies in a fresh folder was made by this batch.
     let inner = Context {
         force: true,

@@ -45,7 +45,7 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     let out = match &job.out {
         None => None,
         Some(out) => {
-            let run = Run::new("verify", job, &[&job.scene])?;
+            let run = Run::new("verify", job, &OutDir::inputs(out, &[&job.scene])?)?;
             Some(OutDir::create(out, run, context.force)?)
         }
     };

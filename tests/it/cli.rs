@@ -115,6 +115,35 @@ fn results_are_kept_and_replayed() {
     );
 }
 
+/// Pairs are wanted beside the cams that they are of, where fusion looks for them.
+#[test]
+fn a_result_in_the_folder_that_it_was_made_from_does_not_change_it() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    let second = CAM.replace("1 0 0 0\n0 1", "1 0 0 -0.2\n0 1");
+    write(&path("cams/00000001_cam.txt"), second);
+    let (mesh, cams, out) = (path("mesh.obj"), path("cams"), path("cams/pair.txt"));
+    let mut arguments = vec!["pairs", "--mesh", text(&mesh), "--cameras", text(&cams)];
+    arguments.extend(["--out", text(&out)]);
+    let output = mvs_eval(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let run = path("cams/pair.run.toml");
+    let first = fs::read(&run).unwrap();
+    let copy = path("copy.txt");
+    let replay = |more: &[&str]| {
+        let all = [&["replay", text(&run), "--force"], more].concat();
+        let output = mvs_eval(&all);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        stderr(&output).contains("input-changed")
+    };
+    assert!(!replay(&["--out", text(&copy)]));
+    assert_eq!(fs::read(&copy).unwrap(), fs::read(&out).unwrap());
+    assert!(!replay(&[]), "in place");
+    assert_eq!(fs::read(&run).unwrap(), first);
+    write(&path("cams/notes"), "mine");
+    assert!(replay(&["--out", text(&copy)]));
+}
+
 #[test]
 fn flags_override_the_configuration_file() {
     let scene = small_scene();

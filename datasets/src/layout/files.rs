@@ -30,7 +30,8 @@ pub fn write_atomically(
     write_by_way_of(folder_of(path), path, write)
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// The folder that a file lies in, `.` for a bare name.
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),

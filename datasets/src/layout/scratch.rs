@@ -26,10 +26,7 @@ pub struct ScratchFolder {
 impl ScratchFolder {
     /// A new folder beside the file `path`, where there is room for a result.
     pub fn beside(path: &Path) -> Result<Self> {
-        let parent = path
-            .parent()
-            .filter(|parent| !parent.as_os_str().is_empty());
-        let parent = parent.unwrap_or(Path::new("."));
+        let parent = files::folder_of(path);
         std::fs::create_dir_all(parent).map_err(Error::io(parent, "create the folder"))?;
         remove_left(parent);
         let folder = tempfile::Builder::new()

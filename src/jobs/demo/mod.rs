@@ -15,7 +15,7 @@ use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::fuse::FuseOptions;
 use crate::generate::{Extra, GenerateOptions, Part};
-use crate::provenance::Run;
+use crate::provenance::{self, Run};
 use inputs::Inputs;
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
 use mvs_metrics::Tolerance;
@@ -78,7 +78,11 @@ pub struct DemoOutcome {
 /// Makes the scene, generates, fuses, scores and reports.
 pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
     Tolerance::new(job.tau).map_err(|error| Error::invalid("--tau", error.to_string()))?;
-    let out = OutDir::create_again(&job.out, Run::new("demo", job, &[])?, context.force)?;
+    let out = OutDir::create_again(
+        &job.out,
+        Run::new("demo", job, &provenance::Inputs::default())?,
+        context.force,
+    )?;
     // Everything below writes into this folder, which is ours to replace.
     let context = &Context {
         force: true,

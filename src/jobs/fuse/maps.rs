@@ -11,6 +11,7 @@ use mvs_datasets::FormatError;
 use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
+use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::scratch::ScratchFolder;
 use mvs_datasets::layout::workspace::Workspace;
 use mvs_datasets::scene::{
@@ -64,8 +65,9 @@ pub(super) enum Encoding {
 }
 
 impl<'a> FolderMaps<'a> {
-    /// Finds the files of `job` and reads the headers of its depth maps.
-    pub(super) fn open(job: &FuseJob, context: &Context<'a>) -> Result<Self> {
+    /// Finds the files of `job` and reads the headers of its depth maps. The files of the result, `own` and
+    /// the filtered depths, are no inputs.
+    pub(super) fn open(job: &FuseJob, own: &[PathBuf], context: &Context<'a>) -> Result<Self> {
         let entries = match Workspace::at(&job.scene) {
             Some(workspace) if job.depths.as_os_str().is_empty() => {
                 workspace::entries(job, &workspace, context)?
@@ -75,8 +77,9 @@ impl<'a> FolderMaps<'a> {
         warn_of_missing_images(&entries, context);
         let inputs = job.inputs()?;
         let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+        let own = [own, &filtered_paths(job, &entries)].concat();
         let maps = Self {
-            inputs: Inputs::list(&inputs)?,
+            inputs: Inputs::list(&inputs, &own)?,
             has_images: entries.iter().all(|entry| entry.image.is_some()),
             has_confidence: !job.confidence.is_empty(),
             entries,
@@ -85,6 +88,11 @@ impl<'a> FolderMaps<'a> {
         };
         maps.hash_others()?;
         Ok(maps)
+    }
+
+    /// The files of the filtered depths, if they are asked for.
+    pub(super) fn filtered(&self, job: &FuseJob) -> Vec<PathBuf> {
+        filtered_paths(job, &self.entries)
     }
 
     /// Hashes the inputs that are not maps and images of the views, which are hashed as they are read.
@@ -104,12 +112,10 @@ impl<'a> FolderMaps<'a> {
         files
     }
 
-    /// The files that are read; with `others`, all that lie among the inputs: an earlier result may, too.
-    pub(super) fn files(&self, others: bool) -> Vec<&Path> {
+    /// The files that are read, and all others that lie among the inputs.
+    pub(super) fn files(&self) -> Vec<&Path> {
         let mut files: Vec<&Path> = self.of_views().into_iter().collect();
-        if others {
-            files.extend(self.inputs.files());
-        }
+        files.extend(self.inputs.files());
         files
     }
 
@@ -120,6 +126,15 @@ impl<'a> FolderMaps<'a> {
         };
         self.entries.iter().map(pixels).sum()
     }
+}
+
+fn filtered_paths(job: &FuseJob, entries: &[Entry]) -> Vec<PathBuf> {
+    let path =
+        |folder: &PathBuf, entry: &Entry| folder.join(mvsnet::file_name(entry.view.id, ".pfm"));
+    let folder = job.filtered_depths.iter();
+    folder
+        .flat_map(|folder| entries.iter().map(move |entry| path(folder, entry)))
+        .collect()
 }
 
 /// Without all images there are no colours: says so where some are there.

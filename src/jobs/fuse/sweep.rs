@@ -5,7 +5,7 @@ use super::maps::FolderMaps;
 use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
-use crate::jobs::out::remove_if_there;
+use crate::jobs::out::{remove_if_there, write_run_file};
 use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
@@ -86,7 +86,8 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     let all = combinations(job);
     all.iter().try_for_each(FuseOptions::check)?;
     let truth = read_truth(job)?;
-    let mut folder = FolderMaps::open(&job.fuse, context)?;
+    let own = [job.out.clone(), run_file.clone()];
+    let mut folder = FolderMaps::open(&job.fuse, &own, context)?;
     if let Some(truth) = &job.truth {
         folder.inputs.add(truth)?;
         folder.hash_others()?;
@@ -110,7 +111,8 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     };
     remove_if_there(&run_file)?; // it comes back last
     files::write_atomically(&job.out, |out| write_csv(out, &outcome.rows))?;
-    Run::of("sweep", job, &folder.inputs)?.write(&run_file)?;
+    let run = Run::new("sweep", job, &folder.inputs)?;
+    write_run_file(run, &run_file, &own[..1])?;
     Ok(outcome)
 }
 

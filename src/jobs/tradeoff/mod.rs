@@ -122,7 +122,7 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     }
     let out = OutDir::create(
         &job.out,
-        Run::new("tradeoff", job, &job.inputs())?,
+        Run::new("tradeoff", job, &OutDir::inputs(&job.out, &job.inputs())?)?,
         context.force,
     )?;
     if !clock::tells_cpu_time() {

@@ -136,9 +136,10 @@ fn files_beside_the_result_are_kept_too() {
     refused(&job, &["notes.ply.vis", "--force"]);
     fuse(&job, true).unwrap();
     assert!(!list.exists());
-    let replayed = mvs_eval::provenance::Run::read(&folder.path().join("notes.run.toml")).unwrap();
+    let run_file = folder.path().join("notes.run.toml");
+    let replayed = Run::read(&run_file).unwrap();
     assert!(
-        replayed.changed_inputs().is_empty(),
+        replayed.changed_inputs(&run_file).is_empty(),
         "the result lies in the scene's folder and is none of its inputs"
     );
 }
@@ -383,7 +384,7 @@ fn options_of_workspaces_do_not_go_with_cams_and_a_failing_run_keeps_the_result_
 
 /// A flat scene whose folder is an input and takes the results, again and again.
 #[test]
-fn results_that_lie_among_the_inputs_are_replaced_and_recorded_as_they_were() {
+fn results_that_lie_among_the_inputs_are_replaced_and_are_none_of_them() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();
     let mut job = write_scene(&scene, None, folder.path());
@@ -392,11 +393,10 @@ fn results_that_lie_among_the_inputs_are_replaced_and_recorded_as_they_were() {
         std::fs::rename(&path, folder.path().join(path.file_name().unwrap())).unwrap();
     }
     std::fs::remove_dir(folder.path().join("cams")).unwrap();
-    let recorded = || {
-        Run::read(&folder.path().join("cloud.run.toml"))
-            .unwrap()
-            .inputs
-    };
+    let run_file = folder.path().join("cloud.run.toml");
+    let recorded = || Run::read(&run_file).unwrap().inputs;
+    let changed = |run_file: &Path| Run::read(run_file).unwrap().changed_inputs(run_file);
+    let whole = folder.path().display().to_string();
     let named = |part: &str| {
         recorded()
             .keys()
@@ -409,14 +409,63 @@ fn results_that_lie_among_the_inputs_are_replaced_and_recorded_as_they_were() {
         (12, 1, 1)
     );
     std::fs::remove_dir_all(folder.path().join("images")).unwrap();
+    let cams_and_maps = {
+        let results = ["cloud.ply", "cloud.json", "cloud.run.toml"];
+        results.map(|name| std::fs::remove_file(folder.path().join(name)).unwrap());
+        mvs_eval::provenance::hash_path(folder.path()).unwrap()
+    };
     job.vis = true;
+    job.filtered_depths = Some(folder.path().join("filtered/maps"));
+    fuse(&job, false).unwrap();
+    assert!(folder.path().join("cloud.ply.vis").exists());
+    assert!(folder.path().join("filtered/maps/00000000.pfm").exists());
+    assert_eq!(recorded()[&whole], cams_and_maps);
+    assert_eq!(changed(&run_file), [""; 0]);
     fuse(&job, true).unwrap();
-    let before = mvs_eval::provenance::hash_path(folder.path()).unwrap();
-    job.vis = false;
+    assert_eq!(recorded()[&whole], cams_and_maps);
+    assert_eq!(changed(&run_file), [""; 0]);
+    // What only the result before has stays (the maps) and is then as others' files, or goes (the list).
+    (job.vis, job.filtered_depths) = (false, None);
     fuse(&job, true).unwrap();
     assert!(!folder.path().join("cloud.ply.vis").exists());
-    assert_eq!(recorded()[&folder.path().display().to_string()], before);
+    assert_ne!(recorded()[&whole], cams_and_maps);
+    assert_eq!(changed(&run_file), [""; 0]);
+    // Others' files count, at the names of results that this one does not have too; what is half written
+    // does not.
+    for (name, counts) in [
+        ("notes", true),
+        ("filtered/maps/notes", true),
+        ("cloud.ply.vis", true),
+        (".mvs-eval-cloud.ply-Ab12cd.part", false),
+    ] {
+        write(&folder.path().join(name), "mine");
+        assert_eq!(changed(&run_file).contains(&whole), counts, "{name}");
+        std::fs::remove_file(folder.path().join(name)).unwrap();
+        assert_eq!(changed(&run_file), [""; 0], "{name}");
+    }
+    // Another result is as good as another file: the second knows the first, which does not know it.
+    let first = job.out.clone();
+    job.out = folder.path().join("second.ply");
+    fuse(&job, false).unwrap();
+    let second = folder.path().join("second.run.toml");
+    assert_eq!(
+        (changed(&run_file), changed(&second)),
+        (vec![whole], vec![])
+    );
+    job.out = first;
+    // Results as they were written before their files were listed can be read.
+    let text = std::fs::read_to_string(&run_file).unwrap();
+    let unlisted: Vec<&str> = text
+        .lines()
+        .filter(|line| !line.starts_with("files"))
+        .collect();
+    assert_eq!(unlisted.len() + 1, text.lines().count());
+    write(&run_file, unlisted.join("\n"));
+    assert!(Run::read(&run_file).unwrap().files.is_empty());
+    fuse(&job, true).unwrap();
+    assert_eq!(changed(&run_file), [""; 0]);
     // A sweep into a folder of maps.
+    let sweep_file = job.depths.join("sweep.run.toml");
     let mut sweep = SweepJob {
         out: job.depths.join("sweep.csv"),
         fuse: job,
@@ -431,7 +480,28 @@ fn results_that_lie_among_the_inputs_are_replaced_and_recorded_as_they_were() {
             force,
         };
         assert_eq!(sweep::run(&sweep, &context).unwrap().rows.len(), 2);
+        assert_eq!(changed(&sweep_file), [""; 0]);
     }
+}
+
+/// Named from another place, as by links and from where the run was started.
+#[test]
+fn results_among_the_inputs_are_known_by_any_path() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let cams = folder.path().join("cams");
+    job.out = job.depths.join("../depths/below/cloud.ply");
+    job.filtered_depths = Some(cams.join("../cams"));
+    fuse(&job, false).unwrap();
+    let run_file = folder.path().join("depths/below/cloud.run.toml");
+    let run = Run::read(&run_file).unwrap();
+    assert_eq!(run.changed_inputs(&run_file), [""; 0]);
+    assert_eq!(run.files.len(), 2 + 12, "{:?}", run.files);
+    let elsewhere = cams.canonicalize().unwrap().join("00000003.pfm");
+    assert!(run.files.contains("cloud.ply") && run.files.contains(elsewhere.to_str().unwrap()));
+    std::fs::copy(&job.out, cams.join("cloud.ply")).unwrap();
+    assert_eq!(run.changed_inputs(&run_file), [cams.display().to_string()]);
 }
 
 #[test]
