@@ -410,8 +410,9 @@ fn results_that_lie_among_the_inputs_are_replaced_and_are_none_of_them() {
     );
     std::fs::remove_dir_all(folder.path().join("images")).unwrap();
     let cams_and_maps = {
-        let results = ["cloud.ply", "cloud.json", "cloud.run.toml"];
-        results.map(|name| std::fs::remove_file(folder.path().join(name)).unwrap());
+        for name in ["cloud.ply", "cloud.json", "cloud.run.toml"] {
+            std::fs::remove_file(folder.path().join(name)).unwrap();
+        }
         mvs_eval::provenance::hash_path(folder.path()).unwrap()
     };
     job.vis = true;
