@@ -19,8 +19,7 @@ pub(super) struct Consensus {
     pub(super) violations: [u32; BLOCK],
     /// What [`Witnesses`] counts.
     witnesses: Witnesses,
-    /// `dynamic`: sources that meet the bounds of each step.
-    meets: [[u32; BLOCK]; STEPS.len()],
+    dynamic: Steps,
     /// Fused depth minus the reference's; before the decision, where it is a mean, their sum.
     pub(super) delta: [f32; BLOCK],
     /// Whether enough sources agree.
@@ -37,6 +36,91 @@ struct Witnesses {
     /// Sources on whose image the point lies, where they have no depth.
     silent: [u32; BLOCK],
 }
+
+/// What `dynamic` counts.
+#[derive(Debug)]
+#[repr(C, align(64))]
+struct Steps {
+    /// Steps of the relative bound per difference of depths.
+    per_depth: [f32; BLOCK],
+    /// Of the source being heard, how many steps wide the bounds must be, squared; what is beyond the widest
+    /// as if just so.
+    squares: [f32; BLOCK],
+    /// Sources that meet the bounds of each step, of those heard last: all of a block in one vector.
+    recent: [[u8; BLOCK]; STEPS.len()],
+    /// How many were heard last.
+    heard: u8,
+    /// Sources heard before those that meet the bounds of each step.
+    meets: [[u32; BLOCK]; STEPS.len()],
+}
+
+impl Steps {
+    fn new() -> Self {
+        Self {
+            per_depth: [0.0; BLOCK],
+            squares: [0.0; BLOCK],
+            recent: [[0; BLOCK]; _],
+            heard: 0,
+            meets: [[0; BLOCK]; _],
+        }
+    }
+
+    /// Forgets what was heard; before pixels of these depths.
+    #[inline(always)]
+    fn begin(&mut self, depth: &[f32; BLOCK]) {
+        for i in 0..BLOCK {
+            self.per_depth[i] = 1300.0 / depth[i];
+        }
+        self.recent = [[0; BLOCK]; _];
+        self.heard = 0;
+        self.meets = [[0; BLOCK]; _];
+    }
+
+    /// Notes how many steps wide a source's bounds must be, squared; whether any is.
+    #[inline(always)]
+    fn note(&mut self, i: usize, step2: f32) -> bool {
+        let widest = f32::from(WIDEST * WIDEST);
+        let agrees = step2 < widest;
+        self.squares[i] = if agrees { step2 } else { widest };
+        agrees
+    }
+
+    /// Counts the source of which all was noted.
+    #[inline(always)]
+    fn count(&mut self) {
+        // Those of steps are whole: the fraction does not matter.
+        let mut whole = [0; BLOCK];
+        for i in 0..BLOCK {
+            whole[i] = (self.squares[i].floor() + WHOLE).to_bits() as u8;
+        }
+        for at in 0..STEPS.len() {
+            let square = (STEPS[at] * STEPS[at]) as u8;
+            for i in 0..BLOCK {
+                let meets = whole[i] < square;
+                self.recent[at][i] += u8::from(meets);
+            }
+        }
+        self.heard += 1;
+        if self.heard == u8::MAX {
+            self.settle();
+        }
+    }
+
+    /// Adds those heard last to the others.
+    #[inline(always)]
+    fn settle(&mut self) {
+        for at in 0..STEPS.len() {
+            for i in 0..BLOCK {
+                self.meets[at][i] += u32::from(self.recent[at][i]);
+            }
+        }
+        self.recent = [[0; BLOCK]; _];
+        self.heard = 0;
+    }
+}
+
+/// 2^23: added to a whole number that is less, the bits of the sum end with its own.
+const WHOLE: f32 = 8_388_608.0;
 
 /// Sources that must agree closely where nobody else can judge.
 const FEWEST: u32 = 2;
@@ -108,15 +192,15 @@ impl Consensus {
                 against: [0; BLOCK],
                 silent: [0; BLOCK],
             },
-            meets: [[0; BLOCK]; STEPS.len()],
+            dynamic: Steps::new(),
             delta: [0.0; BLOCK],
             enough: [false; BLOCK],
         }
     }
 
-    /// Forgets what was heard.
+    /// Forgets what was heard; before pixels of these depths.
     #[inline(always)]
-    pub(super) fn begin(&mut self, rule: Rule, soften: bool) {
+    pub(super) fn begin(&mut self, rule: Rule, soften: bool, depth: &[f32; BLOCK]) {
         self.count = [0; BLOCK];
         self.violations = [0; BLOCK];
         self.delta = [0.0; BLOCK];
@@ -126,7 +210,7 @@ impl Consensus {
             self.witnesses.silent = [0; BLOCK];
         }
         if rule == Rule::Dynamic {
-            self.meets = [[0; BLOCK]; STEPS.len()];
+            self.dynamic.begin(depth);
         }
     }
 
@@ -170,20 +254,18 @@ impl Consensus {
             let look = looks.at(i);
             let error = errors.at(i, look.q);
             // How many steps wide the bounds must be, squared: below i² at step i.
-            let relative = 1300.0 * error.delta / errors.block.depth[i];
+            let relative = error.delta * self.dynamic.per_depth[i];
             let step2 = (16.0 * error.across2 / error.reprojected2).max(relative * relative);
             let step2 = if look.sampled { step2 } else { f32::INFINITY };
-            let agrees = step2 < f32::from(WIDEST * WIDEST);
-            for at in 0..STEPS.len() {
-                self.meets[at][i] += u32::from(step2 < f32::from(STEPS[at] * STEPS[at]));
-            }
-            self.count(i, agrees, look);
+            let agrees = self.dynamic.note(i, step2);
+            self.violations[i] += u32::from(look.through & !agrees);
             self.delta[i] += if agrees { error.delta } else { 0.0 };
             if KEPT {
                 seen.delta[i] = if look.sampled { error.delta } else { 0.0 };
                 seen.agrees[i] = u32::from(agrees);
             }
         }
+        self.dynamic.count();
     }
 
     /// Hears a source under `gipuma`'s rule, |f·B/z − f·B/D| below the bound, by the ratio z/D; `scale` is
@@ -246,10 +328,12 @@ impl Consensus {
             }
         }
         if rule == Rule::Dynamic {
+            self.dynamic.settle();
+            self.count = self.dynamic.meets[STEPS.len() - 1];
             self.enough = [false; BLOCK];
             for at in 0..STEPS.len() {
                 for i in 0..BLOCK {
-                    self.enough[i] |= self.meets[at][i] >= u32::from(STEPS[at]);
+                    self.enough[i] |= self.dynamic.meets[at][i] >= u32::from(STEPS[at]);
                 }
             }
         }

@@ -197,7 +197,7 @@ impl WithSimd for Case<'_> {
             sampled,
             consensus,
         } = verdict;
-        consensus.begin(court.rule, court.soften);
+        consensus.begin(court.rule, court.soften, &block.depth);
         near.fill(block);
         for (sources, relative) in &mut *abreast {
             relative.fill(near, sources);
