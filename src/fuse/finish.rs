@@ -48,10 +48,11 @@ pub(super) struct Room {
     scale: [f32; BLOCK],
     /// Views that agree, the reference counted.
     views: [u32; BLOCK],
-    /// A bit per pixel on which enough sources agree, and one per pixel that lies to the right of the entry
-    /// before.
+    /// A bit per pixel on which enough sources agree, one per pixel that lies to the right of the entry before,
+    /// and one per pixel that lies in its row.
     enough: u64,
     follows: u64,
+    beside: u64,
     /// Stored values of the 3×3 pixels around each, rows from the top.
     windows: [[f32; BLOCK]; 9],
     normal: [[f32; BLOCK]; 3],
@@ -73,6 +74,7 @@ impl Room {
             views: [0; BLOCK],
             enough: 0,
             follows: 0,
+            beside: 0,
             windows: [[1.0; BLOCK]; 9],
             normal: [[0.0; BLOCK]; 3],
             whole: 0,
@@ -92,6 +94,15 @@ impl Room {
     /// Of the first `len` pixels, a bit for each on which enough sources agree.
     pub(super) fn enough(&self, len: usize) -> u64 {
         self.enough & first(len)
+    }
+
+    /// Of these entries, the first ones that lie in one row of the map.
+    #[inline(always)]
+    pub(super) fn of_one_row(&self, entries: u64) -> u64 {
+        let first = entries.trailing_zeros();
+        let others = u64::MAX.checked_shl(first + 1).unwrap_or(0) & !self.beside;
+        let next = others & others.wrapping_neg();
+        entries & next.wrapping_sub(1)
     }
 
     /// A bit for each pixel whose window is whole: then its normal is there.
@@ -259,29 +270,30 @@ impl WithSimd for Place<'_> {
     #[allow(clippy::cast_possible_truncation, reason = "a size for display")]
     fn with_simd<S: Simd>(self, _: S) {
         let (block, [a, b, c]) = (self.block, self.frame.ray);
-        for axis in 0..3 {
-            let center = self.frame.center[axis];
-            let to = &mut self.room.position[axis];
-            for i in 0..BLOCK {
-                let (u, v) = (f64::from(block.u[i]), f64::from(block.v[i]));
-                let depth = f64::from(block.depth[i]) + f64::from(self.consensus.delta[i]);
+        let per_focal = 1.0 / self.frame.focal;
+        for i in 0..BLOCK {
+            let (u, v) = (f64::from(block.u[i]), f64::from(block.v[i]));
+            let depth = f64::from(block.depth[i]) + f64::from(self.consensus.delta[i]);
+            for axis in 0..3 {
                 let direction = a[axis].mul_add(u, b[axis].mul_add(v, c[axis]));
-                to[i] = depth.mul_add(direction, center);
+                self.room.position[axis][i] = depth.mul_add(direction, self.frame.center[axis]);
             }
+            self.room.scale[i] = (depth * per_focal) as f32;
         }
         for i in 0..BLOCK {
-            let depth = f64::from(block.depth[i]) + f64::from(self.consensus.delta[i]);
-            self.room.scale[i] = (depth / self.frame.focal) as f32;
             self.room.views[i] = self.consensus.count[i] + 1;
         }
-        let (mut enough, mut follows) = (0, 0);
+        let (mut enough, mut follows, mut beside) = (0, 0, 0);
         for i in 0..BLOCK {
             enough |= u64::from(self.consensus.enough[i]) << i;
         }
         for i in 1..BLOCK {
             follows |= u64::from(block.place[i] == block.place[i - 1] + 1) << i;
         }
-        (self.room.enough, self.room.follows) = (enough, follows);
+        for i in 1..BLOCK {
+            beside |= u64::from(block.row[i] == block.row[i - 1]) << i;
+        }
+        (self.room.enough, self.room.follows, self.room.beside) = (enough, follows, beside);
     }
 }
 

@@ -69,14 +69,14 @@ impl BandBytes {
         rows.map(|(start, &used)| &self.bytes[start..start + used])
     }
 
-    /// Room for one more point; there is, for as many as were foreseen.
+    /// Room for some more points; there is, for as many as were foreseen.
     #[inline(always)]
-    fn more<const BYTES: usize>(&mut self, row: usize) -> Option<&mut [u8; BYTES]> {
+    fn more<const BYTES: usize>(&mut self, row: usize, points: usize) -> &mut [[u8; BYTES]] {
         let used = &mut self.used[row];
         let start = row * self.stride + *used;
-        *used += BYTES;
+        *used += points * BYTES;
         debug_assert!(*used <= self.stride, "more points than were foreseen");
-        self.bytes.get_mut(start..)?.first_chunk_mut()
+        self.bytes[start..][..points * BYTES].as_chunks_mut().0
     }
 }
 
@@ -124,9 +124,14 @@ fn put<const COLUMNS: u8, const BYTES: usize>(
 ) {
     let columns = const { Columns::of_row_bits(COLUMNS) };
     const { assert!(BYTES == bytes(COLUMNS)) };
-    for i in entries(kept) {
-        if let Some(row) = rows.more::<BYTES>(points.row(i)) {
-            put_row(columns, points, i, row);
+    let mut left = kept;
+    while left != 0 {
+        let some = points.room.of_one_row(left);
+        left &= !some;
+        let row = points.row(some.trailing_zeros() as usize);
+        let places = rows.more::<BYTES>(row, some.count_ones() as usize);
+        for (i, place) in entries(some).zip(places) {
+            put_row(columns, points, i, place);
         }
     }
 }

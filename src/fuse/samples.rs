@@ -346,7 +346,7 @@ pub(super) fn prepare(
     };
     let mut extents = vec![0..0; height];
     // What has depth, run by run: where the first and the last columns are shows at the end.
-    let (mut runs, mut found) = (Vec::new(), Vec::new());
+    let (mut runs, mut found) = (Vec::new(), Vec::with_capacity(width * height));
     maps.depth_runs(index, &mut |row, first, from| {
         counts.empty -= from.len() as u64;
         widen(&mut extents[row], first, from.len());
