@@ -7,6 +7,7 @@
 
 use super::kernel::{BLOCK, Block, Seen};
 use super::rules::{Bounds, Rule};
+use super::steps::Steps;
 use super::taps::{Look, Looks};
 
 /// What the sources together say about a block.
@@ -37,103 +38,10 @@ struct Witnesses {
     silent: [u32; BLOCK],
 }
 
-/// What `dynamic` counts.
-#[derive(Debug)]
-#[repr(C, align(64))]
-struct Steps {
-    /// Steps of the relative bound per difference of depths.
-    per_depth: [f32; BLOCK],
-    /// Of the source being heard, how many steps wide the bounds must be, squared; what is beyond the widest
-    /// as if just so.
-    squares: [f32; BLOCK],
-    /// Sources that meet the bounds of each step, of those heard last: all of a block in one vector.
-    recent: [[u8; BLOCK]; STEPS.len()],
-    /// How many were heard last.
-    heard: u8,
-    /// Sources heard before those that meet the bounds of each step.
-    meets: [[u32; BLOCK]; STEPS.len()],
-}
-
-impl Steps {
-    fn new() -> Self {
-        Self {
-            per_depth: [0.0; BLOCK],
-            squares: [0.0; BLOCK],
-            recent: [[0; BLOCK]; _],
-            heard: 0,
-            meets: [[0; BLOCK]; _],
-        }
-    }
-
-    /// Forgets what was heard; before pixels of these depths.
-    #[inline(always)]
-    fn begin(&mut self, depth: &[f32; BLOCK]) {
-        for i in 0..BLOCK {
-            self.per_depth[i] = 1300.0 / depth[i];
-        }
-        self.recent = [[0; BLOCK]; _];
-        self.heard = 0;
-        self.meets = [[0; BLOCK]; _];
-    }
-
-    /// Notes how many steps wide a source's bounds must be, squared; whether any is.
-    #[inline(always)]
-    fn note(&mut self, i: usize, step2: f32) -> bool {
-        let widest = f32::from(WIDEST * WIDEST);
-        let agrees = step2 < widest;
-        self.squares[i] = if agrees { step2 } else { widest };
-        agrees
-    }
-
-    /// Counts the source of which all was noted.
-    #[inline(always)]
-    fn count(&mut self) {
-        // Those of steps are whole: the fraction does not matter.
-        let mut whole = [0; BLOCK];
-        for i in 0..BLOCK {
-            whole[i] = (self.squares[i].floor() + WHOLE).to_bits() as u8;
-        }
-        for at in 0..STEPS.len() {
-            let square = (STEPS[at] * STEPS[at]) as u8;
-            for i in 0..BLOCK {
-                let meets = whole[i] < square;
-                self.recent[at][i] += u8::from(meets);
-            }
-        }
-        self.heard += 1;
-        if self.heard == u8::MAX {
-            self.settle();
-        }
-    }
-
-    /// Adds those heard last to the others.
-    #[inline(always)]
-    fn settle(&mut self) {
-        for at in 0..STEPS.len() {
-            for i in 0..BLOCK {
-                self.meets[at][i] += u32::from(self.recent[at][i]);
-            }
-        }
-        self.recent = [[0; BLOCK]; _];
-        self.heard = 0;
-    }
-}
-
-/// 2^23: added to a whole number that is less, the bits of the sum end with its own.
-const WHOLE: f32 = 8_388_608.0;
-
 /// Sources that must agree closely where nobody else can judge.
 const FEWEST: u32 = 2;
 /// Silent sources up to which that holds: holes are common, and more are the sky's.
 const MOST_SILENT: u32 = 2;
-
-/// Steps of the `dynamic` bounds: i/4 px and i/1300 for each of these i.
-const STEPS: [u16; 9] = [2, 3, 4, 5, 6, 7, 8, 9, 10];
-/// The widest step.
-const WIDEST: u16 = STEPS[STEPS.len() - 1];
-
-/// As many sources, at least, must agree in `dynamic`.
-pub(super) const DYNAMIC_FROM: usize = STEPS[0] as usize;
 
 /// What the errors of one source follow from, beside what it says.
 pub(super) struct Errors<'a> {
@@ -328,14 +236,7 @@ impl Consensus {
             }
         }
         if rule == Rule::Dynamic {
-            self.dynamic.settle();
-            self.count = self.dynamic.meets[STEPS.len() - 1];
-            self.enough = [false; BLOCK];
-            for at in 0..STEPS.len() {
-                for i in 0..BLOCK {
-                    self.enough[i] |= self.dynamic.meets[at][i] >= u32::from(STEPS[at]);
-                }
-            }
+            (self.count, self.enough) = self.dynamic.decide();
         }
         if matches!(rule, Rule::Average | Rule::Dynamic) {
             for i in 0..BLOCK {

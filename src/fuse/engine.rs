@@ -4,7 +4,6 @@
 
 use super::cache::Cache;
 use super::cluster::fuse_clusters;
-use super::consensus::DYNAMIC_FROM;
 use super::counts::FuseCounts;
 use super::geometry::PairGeometry;
 use super::inputs::{DepthMaps, Scratch, check_views};
@@ -15,6 +14,7 @@ use super::reference::{Band, Reference, Region};
 use super::rules::Rule;
 use super::samples::{Filters, Samples, Shape, Unit, confidence};
 use super::selection::{Confidences, Selection, Witness};
+use super::steps::DYNAMIC_FROM;
 use crate::error::Result;
 use crate::parallel;
 use crate::progress::Progress;

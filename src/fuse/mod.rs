@@ -36,6 +36,7 @@ pub mod sampling;
 mod selection;
 mod sight;
 mod source;
+mod steps;
 mod taps;
 #[cfg(test)]
 mod testing;

@@ -96,7 +96,7 @@ fn say(court: &Court<'_>, block: &Block, verdict: &Verdict, (at, i): (usize, usi
     let across2 = q * q * across_u.mul_add(across_u, across_v * across_v);
     let reprojected2 = (depth + delta) * (depth + delta);
     let within = across2 / (bounds.pixel2 * reprojected2);
-    let steps = 1300.0 * delta / depth;
+    let steps = delta * (1300.0 / depth);
     let step2 = (16.0 * across2 / reprojected2).max(steps * steps);
     let two_way = |part: f32, square: f32| {
         let pixels = across2 < square * bounds.pixel2 * reprojected2;
@@ -325,6 +325,46 @@ fn every_instruction_set_gives_the_same_bits() {
     }
     assert!(enough > 30_000 && softened > 100, "{enough} {softened}");
     assert!(positions > 200_000, "{positions}");
+}
+
+/// Counts by step are kept in bytes.
+#[test]
+fn more_sources_than_a_byte_counts_are_heard() {
+    let plane = Plane::tilted();
+    let estimates = arc(2, (80, 60), DVec3::ZERO, |view, pixel| {
+        plane.depth(view, pixel)
+    });
+    let options = FuseOptions::default();
+    let other = prepared((&estimates[0], &estimates[1]), Unit::Depth, &options);
+    let source = Against {
+        pair: &other.0,
+        samples: &other.1,
+        disparity: other.2,
+    };
+    let mut most = 0;
+    for count in [255, 256, 600] {
+        let sources = vec![source; count];
+        let court = Court {
+            rule: Rule::Dynamic,
+            taps: Taps::Plain,
+            bounds: Bounds::new(&estimates[0].view, &options),
+            needed: 4,
+            soften: false,
+            kept: Kept::Positions,
+            sources: &sources,
+        };
+        for block in &blocks(&estimates[0]) {
+            let mut verdict = complete(&sources);
+            Arch::new().dispatch(Case {
+                court,
+                block,
+                verdict: &mut verdict,
+            });
+            check_plainly(&court, block, &verdict);
+            most = most.max(verdict.consensus.count[0]);
+        }
+        assert_eq!(most, count as u32);
+    }
 }
 
 /// With AVX2 also where the machine has more; with what it has where it has less.
