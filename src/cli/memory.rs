@@ -78,9 +78,13 @@ pub(super) fn keep_buffers_in_large_pages() {
         }
         set(TOP_PAD, IN_LARGE_PAGES);
         // More than is free at the pool's end: it grows by this and what was asked for above.
-        let end = Vec::<u8>::with_capacity(1 << 20);
+        let mut end = Vec::<u8>::new();
+        let grown = end.try_reserve_exact(1 << 20);
         // What glibc has without being told.
         set(TOP_PAD, 1 << 17);
+        if grown.is_err() {
+            return;
+        }
         let first = end.as_ptr().addr().next_multiple_of(PAGE);
         let size = IN_LARGE_PAGES as usize / PAGE * PAGE;
         // SAFETY: changes no byte, whatever lies there.
