@@ -57,11 +57,6 @@ pub(super) fn keep_buffers() {
     set(TRIM_THRESHOLD, i32::MAX);
 }
 
-/// `M_TOP_PAD`.
-const TOP_PAD: i32 = -2;
-/// Bytes of the pool that may lie in large pages.
-const IN_LARGE_PAGES: i32 = 1 << 26;
-
 /// As [`keep_buffers`], and asks the system to put the first 64 MiB of the pool into pages of 2 MiB where it has
 /// them: maps are read once into memory that is new, and a fault for each 4 KiB costs a fifteenth of the time of
 /// fusing. What is not used is address space alone.
@@ -69,6 +64,9 @@ pub(super) fn keep_buffers_in_large_pages() {
     keep_buffers();
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
+        /// `M_TOP_PAD`.
+        const TOP_PAD: i32 = -2;
+        const IN_LARGE_PAGES: i32 = 1 << 26;
         /// A multiple of every size of pages.
         const PAGE: usize = 1 << 16;
         /// `MADV_HUGEPAGE` of `sys/mman.h`.

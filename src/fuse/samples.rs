@@ -346,11 +346,14 @@ pub(super) fn prepare(
     };
     let mut extents = vec![0..0; height];
     // What has depth, run by run: where the first and the last columns are shows at the end.
-    let (mut runs, mut found) = (Vec::new(), Vec::with_capacity(width * height));
+    let (mut runs, mut found) = (Vec::new(), Vec::new());
     maps.depth_runs(index, &mut |row, first, from| {
         counts.empty -= from.len() as u64;
         widen(&mut extents[row], first, from.len());
         runs.push((row, first, from.len()));
+        if found.capacity() == 0 {
+            found.reserve_exact(width * height); // by now the file is known to be as long
+        }
         if filter.passes_all() {
             counts.empty += convert(unit, from, &mut found);
             return;

@@ -47,7 +47,13 @@ impl Steps {
     #[inline(always)]
     pub(super) fn begin(&mut self, depth: &[f32; BLOCK]) {
         for i in 0..BLOCK {
-            self.per_depth[i] = 1300.0 / depth[i];
+            let per_depth = 1300.0 / depth[i];
+            // Finite: no difference at all is no step.
+            self.per_depth[i] = if per_depth < f32::MAX {
+                per_depth
+            } else {
+                f32::MAX
+            };
         }
         self.recent = [[0; BLOCK]; _];
         self.heard = 0;

@@ -203,6 +203,31 @@ fn full_rows_of_bytes_lie_side_by_side() {
     }
 }
 
+#[test]
+fn entries_are_taken_row_by_row() {
+    let mut room = Room::new(0);
+    let kept: u64 = 0xf0f1_8000_ffff_0001;
+    let rows = [
+        kept & 0xffff,
+        kept & 0xffff << 16,
+        kept & 0xffff << 32,
+        kept & 0xffff << 48,
+    ];
+    for (beside, expected) in [
+        (!0x0001_0001_0001_0001, rows.to_vec()),
+        (0, entries(kept).map(|i| 1 << i).collect()),
+        (u64::MAX, vec![kept]),
+    ] {
+        room.beside = beside;
+        let (mut left, mut found) = (kept, Vec::new());
+        while left != 0 {
+            found.push(room.of_one_row(left));
+            left &= !found[found.len() - 1];
+        }
+        assert_eq!(found, expected);
+    }
+}
+
 /// Every choice of columns, in the rows of a map in which the points lie.
 #[test]
 fn rows_of_bytes_are_those_of_columns() {
@@ -231,25 +256,6 @@ fn rows_of_bytes_are_those_of_columns() {
         part: ColorImage::from_values(40, 40, pixels).unwrap(),
     };
     let kept = 0xf0f1_8000_ffff_0001;
-    let rows = [
-        kept & 0xffff,
-        kept & 0xffff << 16,
-        kept & 0xffff << 32,
-        kept & 0xffff << 48,
-    ];
-    for (beside, expected) in [
-        (!0x0001_0001_0001_0001, rows.to_vec()),
-        (0, entries(kept).map(|i| 1 << i).collect()),
-        (u64::MAX, vec![kept]),
-    ] {
-        room.beside = beside;
-        let (mut left, mut found) = (kept, Vec::new());
-        while left != 0 {
-            found.push(room.of_one_row(left));
-            left &= !found[found.len() - 1];
-        }
-        assert_eq!(found, expected);
-    }
     room.beside = !0x0001_0001_0001_0001;
     for (confidences, photo) in [(Some(confidences.as_slice()), Some(&photo)), (None, None)] {
         let points = BlockPoints {

@@ -96,7 +96,7 @@ fn say(court: &Court<'_>, block: &Block, verdict: &Verdict, (at, i): (usize, usi
     let across2 = q * q * across_u.mul_add(across_u, across_v * across_v);
     let reprojected2 = (depth + delta) * (depth + delta);
     let within = across2 / (bounds.pixel2 * reprojected2);
-    let steps = delta * (1300.0 / depth);
+    let steps = delta * (1300.0 / depth).min(f32::MAX);
     let step2 = (16.0 * across2 / reprojected2).max(steps * steps);
     let two_way = |part: f32, square: f32| {
         let pixels = across2 < square * bounds.pixel2 * reprojected2;

@@ -5,8 +5,8 @@ use super::{TradeoffJob, clock, picked, rmse};
 use crate::error::Result;
 use crate::jobs::Context;
 use crate::jobs::cameras::{self, CameraOptions};
+use crate::jobs::meshes::{MeshOptions, read_mesh};
 use crate::render::{RenderOptions, Renderer};
-use mvs_datasets::layout::mesh;
 use mvs_datasets::scene::{ColorImage, View};
 
 const EXACT: u32 = 64;
@@ -19,7 +19,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
     let camera = CameraOptions::default();
     let scene = cameras::read(path, (job.pixel_center, &camera), job.size, context)?;
     let views: Vec<View> = picked(scene.views(), job.views).cloned().collect();
-    let loaded = mesh::read_meshes(&job.mesh)?;
+    let loaded = read_mesh(&job.mesh, &MeshOptions::default(), context)?;
     let renderer = Renderer::new(&loaded.mesh)?;
     let settings = [
         ("exact", "64 samples", EXACT, 1),

@@ -283,6 +283,7 @@ fn meshes_without_an_area_are_named() {
         assert_refused(&[&generate[..3], &seen, &generate[3..]].concat(), &said);
         let pairs = path("pair.txt");
         assert_refused(&[&["pairs"], &seen[..], &[text(&pairs)]].concat(), &said);
+        assert_refused(&[&["tradeoff"], &seen[..], &[text(&out)]].concat(), &said);
         for (truth, reconstruction) in [(&flat, &cloud), (&cloud, &flat)] {
             let score = [
                 "score",
