@@ -10,7 +10,7 @@ Inputs are the project's synthetic scenes (0.1 % noise, 2 % outliers, flying pix
 filter, exact normals, and a sparse model of exact surface points from which it chooses neighbours; we
 get depth and confidence maps and pair.txt. Every run is its own process on one thread; CPU time and
 peak memory are the system's account of it, reading, colours and writing included; an empty run of
-each tool (Python importing pycolmap; `--version`) is measured too; no run finds its output already there. Clouds are scored by `mvs-eval
+each tool (Python importing pycolmap; `--version`) is measured too, and ratios are taken with and without it; no run finds its output already there. Clouds are scored by `mvs-eval
 score` against samples of the exact surface 0.005 apart at tau = 0.01, thinned by a 0.005 voxel grid;
 the surface error is the median exact distance of all points. Needs pycolmap.
 """
@@ -108,11 +108,13 @@ def compare(args, name):
 
 def with_scores(args, folder, medians):
     cpu = {row["settings"]: row["cpu_s"] for row in medians if row["tool"] == "COLMAP"}
+    empty = {row["tool"]: row["cpu_s"] for row in medians if row["settings"] == "nothing"}
     for row in medians:
         if row["settings"] == "nothing":
             continue
         for peer in ("defaults", "strict"):
             row[f"ratio_{peer}"] = cpu[peer] / row["cpu_s"]
+            row[f"net_{peer}"] = (cpu[peer] - empty["COLMAP"]) / (row["cpu_s"] - empty[row["tool"]])
         name = row["settings"] if row["tool"] == "mvs-eval" else f"colmap-{row['settings']}"
         row.update(scored(args, folder, f"{folder}/{name}.ply"))
         print(row, flush=True)
