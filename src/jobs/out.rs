@@ -4,11 +4,11 @@ use crate::error::{Error, Result};
 use crate::provenance::{Inputs, Run, real_path};
 use mvs_datasets::layout::blocks::BlockWriter;
 use mvs_datasets::layout::files;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The mark of a finished result folder.
 const FINISHED: &str = "run.toml";
@@ -17,15 +17,16 @@ const UNFINISHED: &str = mvs_datasets::layout::blended::UNFINISHED;
 
 /// A folder for a result. Files in it are written to a temporary name and renamed; its `run.toml`
 /// appears last, so a folder without it is not finished. Of a result that is replaced, the files that the
-/// new one does not have are removed then; until a first file is asked for it stays as it is.
+/// new one does not have are removed then; until a first file is asked for it stays as it is. None of
+/// its files may be read for the new one.
 #[derive(Debug)]
 pub struct OutDir {
     path: PathBuf,
     run: Run,
     /// The finished result that is to be replaced.
     before: Option<Run>,
-    /// The files that were asked for.
-    asked: Mutex<BTreeSet<PathBuf>>,
+    /// The files that were asked for, and whether what lies there is this run's even if it fails.
+    asked: Mutex<BTreeMap<PathBuf, bool>>,
     /// Whether files may have been written that were not asked for.
     begun: bool,
 }
@@ -37,16 +38,12 @@ impl OutDir {
     /// # Errors
     /// As [`Inputs::list`].
     pub fn inputs(path: &Path, inputs: &[&Path]) -> Result<Inputs> {
-        let marks = [FINISHED, UNFINISHED].map(|mark| path.join(mark));
-        let own = marks.iter().flat_map(|mark| match Run::read(mark) {
-            Ok(run) => run.own(mark),
-            Err(_) => vec![mark.clone()],
-        });
-        Inputs::list(inputs, &own.collect::<Vec<_>>())
+        Inputs::list(inputs, &files_of_result(path))
     }
 
     /// Makes the folder for the result of `run`, or takes an existing one that has no result yet,
-    /// that an interrupted run of the same options and inputs left behind, or, with `force`, any.
+    /// that an interrupted run of the same options and inputs left behind, or, with `force`, any but an
+    /// input and one of whose result there are files among the inputs.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
         check_given(path)?;
         check_not_read(path, &run)?;
@@ -133,9 +130,13 @@ impl OutDir {
 
     /// The path of a file in it that is to be written; `name` may have folders.
     pub fn file(&self, name: impl AsRef<Path>) -> PathBuf {
-        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
-        asked.insert(name.as_ref().to_path_buf());
-        self.path.join(name)
+        let name = name.as_ref();
+        let path = self.path.join(name);
+        let replaced = || as_text(name).is_some_and(|name| self.run.files.contains(&name));
+        // What others have put there stays theirs until the run is finished.
+        let own = !path.exists() || replaced();
+        self.asked().entry(name.to_path_buf()).or_insert(own);
+        path
     }
 
     /// Writes a file in the folder.
@@ -144,7 +145,13 @@ impl OutDir {
         name: impl AsRef<Path>,
         write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
     ) -> Result<()> {
-        Ok(files::write_atomically(&self.file(name), write)?)
+        files::write_atomically(&self.file(&name), write)?;
+        self.asked().insert(name.as_ref().to_path_buf(), true);
+        Ok(())
+    }
+
+    fn asked(&self) -> MutexGuard<'_, BTreeMap<PathBuf, bool>> {
+        self.asked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Writes a value as indented JSON with a final line break.
@@ -157,20 +164,28 @@ impl OutDir {
     /// Marks the result as finished, and removes what only the one before it had.
     pub fn finish(mut self) -> Result<()> {
         self.before = None;
-        let asked = std::mem::take(self.asked.get_mut().unwrap_or_else(PoisonError::into_inner));
-        let written = self.written(&asked);
-        for name in self.run.files.difference(&written) {
-            remove_within(&self.path, name)?;
+        let written = self.written(|_| true);
+        let gone: Vec<String> = self.run.files.difference(&written).cloned().collect();
+        // What fails from here on leaves all names in the mark.
+        self.run.files.extend(written.iter().cloned());
+        for name in gone {
+            remove_within(&self.path, &name)?;
         }
         self.run.files = written;
         self.run.write(&self.path.join(FINISHED))?;
-        remove_if_there(&self.path.join(UNFINISHED))
+        remove_if_there(&self.path.join(UNFINISHED))?;
+        self.asked().clear();
+        Ok(())
     }
 
-    /// The names of those that were asked for and are there.
-    fn written(&self, asked: &BTreeSet<PathBuf>) -> BTreeSet<String> {
-        let names = asked.iter().filter(|name| self.path.join(name).is_file());
-        names.filter_map(|name| as_text(name)).collect()
+    /// The names of those that were asked for and are there, if `counts` says so of whether they are this
+    /// run's even if it fails.
+    fn written(&self, counts: impl Fn(bool) -> bool) -> BTreeSet<String> {
+        let asked = self.asked();
+        let there = asked
+            .iter()
+            .filter(|(name, own)| counts(**own) && self.path.join(name).is_file());
+        there.filter_map(|(name, _)| as_text(name)).collect()
     }
 }
 
@@ -178,10 +193,8 @@ impl Drop for OutDir {
     /// A run that failed before its first file leaves the result before it as it was; one that failed after
     /// it, the names of its files in its mark.
     fn drop(&mut self) {
-        let asked = self.asked.get_mut().unwrap_or_else(PoisonError::into_inner);
-        let asked = std::mem::take(asked);
-        if !asked.is_empty() {
-            let written = self.written(&asked);
+        if !self.asked().is_empty() {
+            let written = self.written(|own| own);
             self.run.files.extend(written);
             // Without the names they count as others' files.
             let _ = self.run.write(&self.path.join(UNFINISHED));
@@ -203,7 +216,7 @@ fn as_text(name: &Path) -> Option<String> {
 /// Removes a file in `folder`, and the folders in between that are empty then.
 fn remove_within(folder: &Path, name: &str) -> Result<()> {
     let name = Path::new(name);
-    let inside = |part| matches!(part, std::path::Component::Normal(_));
+    let inside = |part| matches!(part, Component::Normal(_));
     if !name.components().all(inside) {
         return Ok(());
     }
@@ -219,20 +232,36 @@ fn remove_within(folder: &Path, name: &str) -> Result<()> {
     Ok(())
 }
 
-/// No result goes into a folder that is read for it.
+/// The marks of results in the folder `path`, and the files that they name.
+fn files_of_result(path: &Path) -> Vec<PathBuf> {
+    let marks = [FINISHED, UNFINISHED].map(|mark| path.join(mark));
+    let files = marks.iter().flat_map(|mark| match Run::read(mark) {
+        Ok(run) => run.own(mark),
+        Err(_) => vec![mark.clone()],
+    });
+    files.collect()
+}
+
+/// No result goes into a folder that is read for it, and none replaces files that are read. A folder in which
+/// the result's own folder lies is read without the result.
 fn check_not_read(path: &Path, run: &Run) -> Result<()> {
     let Ok(real) = path.canonicalize() else {
         return Ok(());
     };
-    let is_it = |input: &&String| {
-        Path::new(input.as_str())
-            .canonicalize()
-            .is_ok_and(|input| input == real)
-    };
-    match run.inputs.keys().find(is_it) {
+    let files = files_of_result(path).into_iter();
+    let files: Vec<PathBuf> = files.filter_map(|file| file.canonicalize().ok()).collect();
+    let is_replaced = |input: &Path| files.iter().any(|file| file.starts_with(input));
+    let is_in_the_way =
+        |input: PathBuf| input == real || (!real.starts_with(&input) && is_replaced(&input));
+    let given = |input: &&String| Path::new(input.as_str()).canonicalize();
+    let mut inputs = run.inputs.keys();
+    match inputs.find(|input| given(input).is_ok_and(is_in_the_way)) {
         Some(input) => {
-            let problem =
-                "expected another folder for the result than those that are read, found an input";
+            let problem = format!(
+                "expected another folder for the result than that of files that are read, found {}: give \
+                 another --out",
+                path.display()
+            );
             Err(Error::invalid(input.clone(), problem))
         }
         None => Ok(()),

@@ -184,3 +184,105 @@ fn no_result_goes_into_an_input() {
     let said = error.unwrap_err().to_string();
     assert!(said.contains("photos: expected another folder"), "{said}");
 }
+
+/// By whatever path: a part of the result before, whole or cut short, is read only for results elsewhere.
+#[test]
+fn no_result_replaces_files_that_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let result = path("in/result");
+    let put = |name: &str| {
+        files::write_atomically(&path(name), |out| out.write_all(b"mine")).unwrap();
+    };
+    let create = |out: &Path, input: &str| {
+        let inputs = OutDir::inputs(out, &[&path(input)])?;
+        let run = Run::new("score", &RenderJob::default(), &inputs)?;
+        OutDir::create(out, run, true)
+    };
+    write_all(&result, 4, &["cams/0.txt", "cloud.ply"]);
+    put("in/result/mine/0.txt");
+    put("in/result/cams.txt");
+    for cut_short in [false, true] {
+        if cut_short {
+            fs::rename(result.join(FINISHED), result.join(UNFINISHED)).unwrap();
+        }
+        let before = crate::provenance::hash_path(&result).unwrap();
+        for input in [
+            "in/result/cams",
+            "in/result/cams/0.txt",
+            "in/result/cloud.ply",
+            "in/result/mine/../../result/cams",
+        ] {
+            let said = create(&result, input).unwrap_err().to_string();
+            let expected = format!(
+                "{}: expected another folder for the result than that of files that are read, found {}: give \
+                 another --out",
+                path(input).display(),
+                result.display()
+            );
+            assert!(said.ends_with(&expected), "{said}");
+            assert_eq!(crate::provenance::hash_path(&result).unwrap(), before);
+        }
+        assert!(create(&path("in/other"), "in/result/cams").is_ok());
+    }
+    for input in ["in/result/mine", "in/result/cams.txt", "in"] {
+        assert!(create(&result, input).is_ok(), "{input}");
+    }
+    #[cfg(unix)]
+    for (name, to) in [("cloud", "in/result/cloud.ply"), ("cams", "in/result/cams")] {
+        std::os::unix::fs::symlink(path(to), path(name)).unwrap();
+        assert!(create(&result, name).is_err(), "{name}");
+    }
+}
+
+/// Nothing is in the way of the next run, which removes what this one wrote.
+#[test]
+fn a_run_that_cannot_finish_leaves_its_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = |name: &str| folder.path().join(name).exists();
+    write_all(folder.path(), 4, &["a.json", "b.json", "c.json"]);
+    let in_the_way = folder.path().join("b.json");
+    fs::remove_file(&in_the_way).unwrap();
+    fs::create_dir(&in_the_way).unwrap();
+    let out = OutDir::create(folder.path(), run_of(16), true).unwrap();
+    out.write_json("new.json", &16).unwrap();
+    let error = out.finish().unwrap_err().to_string();
+    assert!(error.contains("b.json"), "{error}");
+    assert!(!there(FINISHED) && there("new.json"));
+    fs::remove_dir(&in_the_way).unwrap();
+    write_all(folder.path(), 64, &["last.json"]);
+    assert!(there("last.json"));
+    assert!(!["a.json", "c.json", "new.json"].into_iter().any(there));
+}
+
+#[test]
+fn what_a_failed_run_did_not_write_is_not_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str| {
+        let path = folder.path().join(name);
+        files::write_atomically(&path, |out| out.write_all(b"mine")).unwrap();
+        path
+    };
+    let mine = ["results.csv", "maps/0.pfm"].map(put);
+    let over = put("over.json");
+    let out = OutDir::create(folder.path(), run_of(4), true).unwrap();
+    let full = |_: &mut BlockWriter| Err(std::io::Error::other("no space left"));
+    assert!(out.write("results.csv", full).is_err());
+    assert_eq!(out.file("maps/0.pfm"), mine[1]);
+    out.write_json("over.json", &4).unwrap();
+    let new = out.file("maps/1.pfm");
+    files::write_atomically(&new, |out| out.write_all(b"its own")).unwrap();
+    assert_eq!(out.file("maps/1.pfm"), new, "asked for again");
+    drop(out);
+    let named = Run::read(&folder.path().join(UNFINISHED)).unwrap().files;
+    assert_eq!(Vec::from_iter(named), ["maps/1.pfm", "over.json"]);
+    write_all(folder.path(), 16, &["other.json"]);
+    assert!(mine.iter().all(|path| fs::read(path).unwrap() == b"mine"));
+    assert!(!new.exists() && !over.exists());
+    // What a run that finishes has written over is its own.
+    let out = OutDir::create(folder.path(), run_of(4), true).unwrap();
+    files::write_atomically(&out.file("maps/0.pfm"), |out| out.write_all(b"its own")).unwrap();
+    out.finish().unwrap();
+    write_all(folder.path(), 16, &["other.json"]);
+    assert!(!mine[1].exists() && mine[0].exists());
+}
