@@ -333,6 +333,15 @@ pub fn run_file_beside(result: &Path) -> PathBuf {
     result.with_extension("run.toml")
 }
 
+/// Which of the files `own` that a run of `command` is to write are no inputs, as they are those of a result
+/// that it replaces: all of them beside the `run.toml` of such a run, else none.
+pub(super) fn replaced<'a>(own: &'a [PathBuf], run_file: &Path, command: &str) -> &'a [PathBuf] {
+    match Run::read(run_file) {
+        Ok(run) if run.command == command => own,
+        _ => &[],
+    }
+}
+
 /// Writes the `run.toml` of a run at `run_file`, which names its result `files`: by their paths from the
 /// folder of the `run.toml`, or whole ones where they lie elsewhere.
 pub(super) fn write_run_file(mut run: Run, run_file: &Path, files: &[PathBuf]) -> Result<()> {
