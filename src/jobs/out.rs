@@ -342,20 +342,27 @@ pub(super) fn replaced<'a>(own: &'a [PathBuf], run_file: &Path, command: &str) -
     }
 }
 
-/// Writes the `run.toml` of a run at `run_file`, which names its result `files`: by their paths from the
-/// folder of the `run.toml`, or whole ones where they lie elsewhere.
+/// Writes the `run.toml` of a run at `run_file`, which names its result `files`.
 pub(super) fn write_run_file(mut run: Run, run_file: &Path, files: &[PathBuf]) -> Result<()> {
-    let folder = real_path(run_file);
-    let folder = folder.as_deref().and_then(Path::parent);
-    let name = |file: &PathBuf| {
-        let file = real_path(file)?;
-        match folder.and_then(|folder| file.strip_prefix(folder).ok()) {
-            Some(inside) => as_text(inside),
-            None => file.to_str().map(str::to_owned),
-        }
-    };
+    let real = real_path(run_file);
+    let folder = real.as_deref().and_then(Path::parent);
+    let name = |file: &PathBuf| name_from(folder?, &real_path(file)?);
     run.files = files.iter().filter_map(name).collect();
     run.write(run_file)
+}
+
+/// The path of `file` from `folder`, or the whole one where nothing leads there, as to another drive. Both
+/// are real paths.
+fn name_from(folder: &Path, file: &Path) -> Option<String> {
+    let both = folder.components().zip(file.components());
+    let common = both.take_while(|(one, other)| one == other).count();
+    if common == 0 {
+        return file.to_str().map(str::to_owned);
+    }
+    let below = folder.components().skip(common);
+    let up = below.map(|_| Component::ParentDir);
+    let name: PathBuf = up.chain(file.components().skip(common)).collect();
+    as_text(&name)
 }
 
 #[cfg(test)]

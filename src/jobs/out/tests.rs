@@ -286,3 +286,35 @@ fn what_a_failed_run_did_not_write_is_not_its_own() {
     write_all(folder.path(), 16, &["other.json"]);
     assert!(!mine[1].exists() && mine[0].exists());
 }
+
+/// Names hold no place of the machine, so that a tree can be moved.
+#[test]
+fn files_beside_and_above_a_run_file_are_named_from_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let names = ["one/below/cloud.ply", "one/depths/0.pfm", "one/above.pfm"];
+    let paths = |root: &str| names.map(|name| folder.path().join(root).join(name));
+    for path in paths("first") {
+        files::write_atomically(&path, |out| out.write_all(b"result")).unwrap();
+    }
+    let run_file = |root: &str| folder.path().join(root).join("one/below/cloud.run.toml");
+    let [cloud, depths, above] = paths("first");
+    let depths = folder
+        .path()
+        .join("first/one/below/../depths")
+        .join(depths.file_name().unwrap());
+    write_run_file(run_of(4), &run_file("first"), &[cloud, depths, above]).unwrap();
+    fs::rename(folder.path().join("first"), folder.path().join("moved")).unwrap();
+    let run = Run::read(&run_file("moved")).unwrap();
+    assert_eq!(
+        Vec::from_iter(&run.files),
+        ["../above.pfm", "../depths/0.pfm", "cloud.ply"]
+    );
+    let own = run.own(&run_file("moved"));
+    assert_eq!(own.len(), 4);
+    assert!(own.iter().all(|path| path.is_file()), "{own:?}");
+    let absolute = |path: &str| std::path::absolute(path).unwrap();
+    let (here, there) = (absolute("/a/b/c"), absolute("/x/y"));
+    assert_eq!(name_from(&here, &there).unwrap(), "../../../x/y");
+    // Without a common root, as between drives.
+    assert_eq!(name_from(Path::new("b"), &there).as_deref(), there.to_str());
+}

@@ -192,8 +192,9 @@ fn results_among_the_inputs_are_known_by_any_path() {
     let run = Run::read(&run_file).unwrap();
     assert_eq!(run.changed_inputs(&run_file), [""; 0]);
     assert_eq!(run.files.len(), 2 + 12, "{:?}", run.files);
-    let elsewhere = cams.canonicalize().unwrap().join("00000003.pfm");
-    assert!(run.files.contains("cloud.ply") && run.files.contains(elsewhere.to_str().unwrap()));
+    assert!(run.files.contains("cloud.ply"), "{:?}", run.files);
+    let elsewhere = "../../cams/00000003.pfm";
+    assert!(run.files.contains(elsewhere), "{:?}", run.files);
     std::fs::copy(&job.out, cams.join("cloud.ply")).unwrap();
     assert_eq!(run.changed_inputs(&run_file), [cams.display().to_string()]);
 }
