@@ -29,9 +29,10 @@ pub struct Run {
     /// BLAKE3 of each input, by the path it was given as.
     #[serde(default)]
     pub inputs: BTreeMap<String, String>,
-    /// The files that this run wrote, by their paths from the folder of its `run.toml`. Where they lie in a
-    /// folder that is an input, they are none of it. A later run into a result folder with `--force` removes
-    /// those that it does not write again.
+    /// The files that this run wrote, by their paths from the folder of its `run.toml`, which lead up by `..`
+    /// where they do not lie in it (whole ones only where no path leads there, as to another drive). Where
+    /// they lie in a folder that is an input, they are none of it. A later run into a result folder with
+    /// `--force` removes those that it does not write again.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub files: BTreeSet<String>,
 }

@@ -8,7 +8,7 @@ mod output;
 pub mod sweep;
 mod workspace;
 
-use super::out::{check_no_input, remove_if_there, write_run_file};
+use super::out::{check_no_input, remove_if_there, replaced, write_run_file};
 use super::{Context, check_out_file, run_file_beside};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -138,9 +138,7 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let visible = visible_path(&job.out);
     check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
     let mut own = vec![job.out.clone(), report, run_file.clone(), visible.clone()];
-    // Without its run.toml, what has the result's name is no earlier result.
-    let replaced = if run_file.exists() { &own[..] } else { &[] };
-    let maps = FolderMaps::open(job, replaced, context)?;
+    let maps = FolderMaps::open(job, replaced(&own, &run_file, "fuse"), context)?;
     let results: Vec<&Path> = own.iter().map(PathBuf::as_path).collect();
     let read = maps.files().into_iter().chain(job.crop.as_deref());
     check_no_input(&results, read)?;

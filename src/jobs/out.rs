@@ -4,11 +4,11 @@ use crate::error::{Error, Result};
 use crate::provenance::{Inputs, Run, real_path};
 use mvs_datasets::layout::blocks::BlockWriter;
 use mvs_datasets::layout::files;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The mark of a finished result folder.
 const FINISHED: &str = "run.toml";
@@ -17,15 +17,16 @@ const UNFINISHED: &str = mvs_datasets::layout::blended::UNFINISHED;
 
 /// A folder for a result. Files in it are written to a temporary name and renamed; its `run.toml`
 /// appears last, so a folder without it is not finished. Of a result that is replaced, the files that the
-/// new one does not have are removed then; until a first file is asked for it stays as it is.
+/// new one does not have are removed then; until a first file is asked for it stays as it is. None of
+/// its files may be read for the new one.
 #[derive(Debug)]
 pub struct OutDir {
     path: PathBuf,
     run: Run,
     /// The finished result that is to be replaced.
     before: Option<Run>,
-    /// The files that were asked for.
-    asked: Mutex<BTreeSet<PathBuf>>,
+    /// The files that were asked for, and whether what lies there is this run's even if it fails.
+    asked: Mutex<BTreeMap<PathBuf, bool>>,
     /// Whether files may have been written that were not asked for.
     begun: bool,
 }
@@ -37,16 +38,12 @@ impl OutDir {
     /// # Errors
     /// As [`Inputs::list`].
     pub fn inputs(path: &Path, inputs: &[&Path]) -> Result<Inputs> {
-        let marks = [FINISHED, UNFINISHED].map(|mark| path.join(mark));
-        let own = marks.iter().flat_map(|mark| match Run::read(mark) {
-            Ok(run) => run.own(mark),
-            Err(_) => vec![mark.clone()],
-        });
-        Inputs::list(inputs, &own.collect::<Vec<_>>())
+        Inputs::list(inputs, &files_of_result(path))
     }
 
     /// Makes the folder for the result of `run`, or takes an existing one that has no result yet,
-    /// that an interrupted run of the same options and inputs left behind, or, with `force`, any.
+    /// that an interrupted run of the same options and inputs left behind, or, with `force`, any but an
+    /// input and one of whose result there are files among the inputs.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
         check_given(path)?;
         check_not_read(path, &run)?;
@@ -133,9 +130,13 @@ impl OutDir {
 
     /// The path of a file in it that is to be written; `name` may have folders.
     pub fn file(&self, name: impl AsRef<Path>) -> PathBuf {
-        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
-        asked.insert(name.as_ref().to_path_buf());
-        self.path.join(name)
+        let name = name.as_ref();
+        let path = self.path.join(name);
+        let replaced = || as_text(name).is_some_and(|name| self.run.files.contains(&name));
+        // What others have put there stays theirs until the run is finished.
+        let own = !path.exists() || replaced();
+        self.asked().entry(name.to_path_buf()).or_insert(own);
+        path
     }
 
     /// Writes a file in the folder.
@@ -144,7 +145,13 @@ impl OutDir {
         name: impl AsRef<Path>,
         write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
     ) -> Result<()> {
-        Ok(files::write_atomically(&self.file(name), write)?)
+        files::write_atomically(&self.file(&name), write)?;
+        self.asked().insert(name.as_ref().to_path_buf(), true);
+        Ok(())
+    }
+
+    fn asked(&self) -> MutexGuard<'_, BTreeMap<PathBuf, bool>> {
+        self.asked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Writes a value as indented JSON with a final line break.
@@ -157,20 +164,28 @@ impl OutDir {
     /// Marks the result as finished, and removes what only the one before it had.
     pub fn finish(mut self) -> Result<()> {
         self.before = None;
-        let asked = std::mem::take(self.asked.get_mut().unwrap_or_else(PoisonError::into_inner));
-        let written = self.written(&asked);
-        for name in self.run.files.difference(&written) {
-            remove_within(&self.path, name)?;
+        let written = self.written(|_| true);
+        let gone: Vec<String> = self.run.files.difference(&written).cloned().collect();
+        // What fails from here on leaves all names in the mark.
+        self.run.files.extend(written.iter().cloned());
+        for name in gone {
+            remove_within(&self.path, &name)?;
         }
         self.run.files = written;
         self.run.write(&self.path.join(FINISHED))?;
-        remove_if_there(&self.path.join(UNFINISHED))
+        remove_if_there(&self.path.join(UNFINISHED))?;
+        self.asked().clear();
+        Ok(())
     }
 
-    /// The names of those that were asked for and are there.
-    fn written(&self, asked: &BTreeSet<PathBuf>) -> BTreeSet<String> {
-        let names = asked.iter().filter(|name| self.path.join(name).is_file());
-        names.filter_map(|name| as_text(name)).collect()
+    /// The names of those that were asked for and are there, if `counts` says so of whether they are this
+    /// run's even if it fails.
+    fn written(&self, counts: impl Fn(bool) -> bool) -> BTreeSet<String> {
+        let asked = self.asked();
+        let there = asked
+            .iter()
+            .filter(|(name, own)| counts(**own) && self.path.join(name).is_file());
+        there.filter_map(|(name, _)| as_text(name)).collect()
     }
 }
 
@@ -178,10 +193,8 @@ impl Drop for OutDir {
     /// A run that failed before its first file leaves the result before it as it was; one that failed after
     /// it, the names of its files in its mark.
     fn drop(&mut self) {
-        let asked = self.asked.get_mut().unwrap_or_else(PoisonError::into_inner);
-        let asked = std::mem::take(asked);
-        if !asked.is_empty() {
-            let written = self.written(&asked);
+        if !self.asked().is_empty() {
+            let written = self.written(|own| own);
             self.run.files.extend(written);
             // Without the names they count as others' files.
             let _ = self.run.write(&self.path.join(UNFINISHED));
@@ -203,7 +216,7 @@ fn as_text(name: &Path) -> Option<String> {
 /// Removes a file in `folder`, and the folders in between that are empty then.
 fn remove_within(folder: &Path, name: &str) -> Result<()> {
     let name = Path::new(name);
-    let inside = |part| matches!(part, std::path::Component::Normal(_));
+    let inside = |part| matches!(part, Component::Normal(_));
     if !name.components().all(inside) {
         return Ok(());
     }
@@ -219,20 +232,36 @@ fn remove_within(folder: &Path, name: &str) -> Result<()> {
     Ok(())
 }
 
-/// No result goes into a folder that is read for it.
+/// The marks of results in the folder `path`, and the files that they name.
+fn files_of_result(path: &Path) -> Vec<PathBuf> {
+    let marks = [FINISHED, UNFINISHED].map(|mark| path.join(mark));
+    let files = marks.iter().flat_map(|mark| match Run::read(mark) {
+        Ok(run) => run.own(mark),
+        Err(_) => vec![mark.clone()],
+    });
+    files.collect()
+}
+
+/// No result goes into a folder that is read for it, and none replaces files that are read. A folder in which
+/// the result's own folder lies is read without the result.
 fn check_not_read(path: &Path, run: &Run) -> Result<()> {
     let Ok(real) = path.canonicalize() else {
         return Ok(());
     };
-    let is_it = |input: &&String| {
-        Path::new(input.as_str())
-            .canonicalize()
-            .is_ok_and(|input| input == real)
-    };
-    match run.inputs.keys().find(is_it) {
+    let files = files_of_result(path).into_iter();
+    let files: Vec<PathBuf> = files.filter_map(|file| file.canonicalize().ok()).collect();
+    let is_replaced = |input: &Path| files.iter().any(|file| file.starts_with(input));
+    let is_in_the_way =
+        |input: PathBuf| input == real || (!real.starts_with(&input) && is_replaced(&input));
+    let given = |input: &&String| Path::new(input.as_str()).canonicalize();
+    let mut inputs = run.inputs.keys();
+    match inputs.find(|input| given(input).is_ok_and(is_in_the_way)) {
         Some(input) => {
-            let problem =
-                "expected another folder for the result than those that are read, found an input";
+            let problem = format!(
+                "expected another folder for the result than that of files that are read, found {}: give \
+                 another --out",
+                path.display()
+            );
             Err(Error::invalid(input.clone(), problem))
         }
         None => Ok(()),
@@ -304,206 +333,37 @@ pub fn run_file_beside(result: &Path) -> PathBuf {
     result.with_extension("run.toml")
 }
 
-/// Writes the `run.toml` of a run at `run_file`, which names its result `files`: by their paths from the
-/// folder of the `run.toml`, or whole ones where they lie elsewhere.
+/// Which of the files `own` that a run of `command` is to write are no inputs, as they are those of a result
+/// that it replaces: all of them beside the `run.toml` of such a run, else none.
+pub(super) fn replaced<'a>(own: &'a [PathBuf], run_file: &Path, command: &str) -> &'a [PathBuf] {
+    match Run::read(run_file) {
+        Ok(run) if run.command == command => own,
+        _ => &[],
+    }
+}
+
+/// Writes the `run.toml` of a run at `run_file`, which names its result `files`.
 pub(super) fn write_run_file(mut run: Run, run_file: &Path, files: &[PathBuf]) -> Result<()> {
-    let folder = real_path(run_file);
-    let folder = folder.as_deref().and_then(Path::parent);
-    let name = |file: &PathBuf| {
-        let file = real_path(file)?;
-        match folder.and_then(|folder| file.strip_prefix(folder).ok()) {
-            Some(inside) => as_text(inside),
-            None => file.to_str().map(str::to_owned),
-        }
-    };
+    let real = real_path(run_file);
+    let folder = real.as_deref().and_then(Path::parent);
+    let name = |file: &PathBuf| name_from(folder?, &real_path(file)?);
     run.files = files.iter().filter_map(name).collect();
     run.write(run_file)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::jobs::render::RenderJob;
-
-    fn run_of(samples: u32) -> Run {
-        let mut job = RenderJob::default();
-        job.render.samples = samples;
-        Run::new("render", &job, &Inputs::default()).unwrap()
+/// The path of `file` from `folder`, or the whole one where nothing leads there, as to another drive. Both
+/// are real paths.
+fn name_from(folder: &Path, file: &Path) -> Option<String> {
+    let both = folder.components().zip(file.components());
+    let common = both.take_while(|(one, other)| one == other).count();
+    if common == 0 {
+        return file.to_str().map(str::to_owned);
     }
-
-    #[test]
-    fn a_result_is_not_replaced_without_force() {
-        let folder = tempfile::tempdir().unwrap();
-        OutDir::create(folder.path(), run_of(4), false)
-            .unwrap()
-            .finish()
-            .unwrap();
-        let error = OutDir::create(folder.path(), run_of(4), false)
-            .unwrap_err()
-            .to_string();
-        assert!(error.contains("already exists; give --force"), "{error}");
-        assert!(
-            folder.path().join(FINISHED).exists(),
-            "refusing leaves the result as it is"
-        );
-        assert!(OutDir::create_again(folder.path(), run_of(16), false).is_err());
-        assert!(OutDir::check_again(folder.path(), &run_of(16), false).is_err());
-        assert!(OutDir::check_again(folder.path(), &run_of(16), true).is_ok());
-        assert!(OutDir::check_again(folder.path(), &run_of(4), false).is_ok());
-        assert!(OutDir::check_again(&folder.path().join("new"), &run_of(16), false).is_ok());
-        assert!(OutDir::create_again(folder.path(), run_of(4), false).is_ok());
-    }
-
-    #[test]
-    fn an_interrupted_run_of_the_same_options_goes_on() {
-        let folder = tempfile::tempdir().unwrap();
-        let out = OutDir::create(folder.path(), run_of(4), false).unwrap();
-        out.write_json("half.json", &1).unwrap();
-        drop(out);
-        assert!(
-            OutDir::create(folder.path(), run_of(16), false).is_err(),
-            "other options"
-        );
-        let out = OutDir::create(folder.path(), run_of(4), false).unwrap();
-        assert!(out.file("half.json").exists() && !folder.path().join(FINISHED).exists());
-        out.finish().unwrap();
-        assert!(!folder.path().join(UNFINISHED).exists());
-    }
-
-    #[test]
-    fn a_run_that_failed_before_its_first_file_is_in_nobodys_way() {
-        let folder = tempfile::tempdir().unwrap();
-        drop(OutDir::create(folder.path(), run_of(4), false).unwrap());
-        let out = OutDir::create(folder.path(), run_of(16), false).unwrap();
-        assert!(out.is_marked(UNFINISHED));
-    }
-
-    #[test]
-    fn force_takes_any_folder() {
-        let folder = tempfile::tempdir().unwrap();
-        OutDir::create(folder.path(), run_of(4), false)
-            .unwrap()
-            .finish()
-            .unwrap();
-        let out = OutDir::create(folder.path(), run_of(16), true).unwrap();
-        out.write_json("half.json", &1).unwrap();
-        drop(out);
-        assert!(
-            !folder.path().join(FINISHED).exists(),
-            "a half-replaced result is known as such"
-        );
-    }
-
-    fn write_all(folder: &Path, samples: u32, names: &[&str]) {
-        let out = OutDir::create(folder, run_of(samples), true).unwrap();
-        for name in names {
-            out.write_json(name, &samples).unwrap();
-        }
-        out.finish().unwrap();
-    }
-
-    #[test]
-    fn what_is_replaced_leaves_nothing_and_what_is_others_stays() {
-        let folder = tempfile::tempdir().unwrap();
-        let there = |name: &str| folder.path().join(name).exists();
-        write_all(
-            folder.path(),
-            4,
-            &["a.json", "maps/0.json", "maps/1.json", "old/0.json"],
-        );
-        let notes = folder.path().join("maps/notes");
-        files::write_atomically(&notes, |out| out.write_all(b"mine")).unwrap();
-        // One that is cut short and goes on.
-        let out = OutDir::create(folder.path(), run_of(16), true).unwrap();
-        out.write_json("maps/0.json", &16).unwrap();
-        drop(out);
-        assert!(there("a.json") && there("old/0.json") && !there(FINISHED));
-        write_all(folder.path(), 16, &["maps/0.json", "b.json"]);
-        let left = ["maps/0.json", "maps/notes", "b.json", FINISHED];
-        assert!(left.into_iter().all(there));
-        assert!(
-            !["a.json", "maps/1.json", "old", UNFINISHED]
-                .into_iter()
-                .any(there)
-        );
-        let files = Run::read(&folder.path().join(FINISHED)).unwrap().files;
-        assert_eq!(Vec::from_iter(files), ["b.json", "maps/0.json"]);
-        assert!(remove_within(folder.path(), "../x").is_ok());
-    }
-
-    #[test]
-    fn a_run_that_fails_before_its_first_file_leaves_the_result_before_it() {
-        let folder = tempfile::tempdir().unwrap();
-        write_all(folder.path(), 4, &["a.json"]);
-        let mark = fs::read(folder.path().join(FINISHED)).unwrap();
-        drop(OutDir::create(folder.path(), run_of(16), true).unwrap());
-        assert_eq!(fs::read(folder.path().join(FINISHED)).unwrap(), mark);
-        assert!(!folder.path().join(UNFINISHED).exists());
-    }
-
-    /// A result folder in a folder that is read: cut short, gone on with, replaced, beside another one.
-    #[test]
-    fn a_result_among_its_inputs_is_none_of_them() {
-        let folder = tempfile::tempdir().unwrap();
-        let put = |name: &str| {
-            let path = folder.path().join(name);
-            files::write_atomically(&path, |out| out.write_all(name.as_bytes())).unwrap();
-        };
-        put("scene/0.pfm");
-        let scene = folder.path().join("scene");
-        let path = folder.path().join("scene/new/result");
-        let create = |path: &Path, samples, force| {
-            let mut job = RenderJob::default();
-            job.render.samples = samples;
-            let run = Run::new("render", &job, &OutDir::inputs(path, &[&scene])?)?;
-            OutDir::create(path, run, force)
-        };
-        let run_file = path.join(FINISHED);
-        let changed = || Run::read(&run_file).unwrap().changed_inputs(&run_file);
-        let out = create(&path, 4, false).unwrap();
-        let first = out.run.inputs.clone();
-        out.write_json("maps/0.json", &4).unwrap();
-        out.write_json("maps/1.json", &4).unwrap();
-        drop(out);
-        assert!(create(&path, 16, false).is_err(), "other options");
-        let out = create(&path, 4, false).unwrap();
-        out.write_json("maps/0.json", &4).unwrap();
-        out.finish().unwrap();
-        assert!(!path.join("maps/1.json").exists());
-        assert_eq!(changed(), [""; 0]);
-        for (samples, name) in [(16, "other.json"), (16, "maps/0.json")] {
-            let out = create(&path, samples, true).unwrap();
-            assert_eq!(out.run.inputs, first, "{name}");
-            out.write_json(name, &samples).unwrap();
-            out.finish().unwrap();
-            assert_eq!(changed(), [""; 0], "{name}");
-        }
-        for (name, counts) in [
-            ("scene/1.pfm", true),
-            ("scene/new/result/notes", true),
-            ("scene/new/result/other.json", true),
-            ("scene/new/.mvs-eval-0.pfm-Ab12cd.part", false),
-        ] {
-            put(name);
-            assert_eq!(changed().len(), usize::from(counts), "{name}");
-            fs::remove_file(folder.path().join(name)).unwrap();
-            assert_eq!(changed(), [""; 0], "{name}");
-        }
-        let other = create(&scene.join("other"), 4, false).unwrap();
-        assert_ne!(other.run.inputs, first, "the first result may be read");
-        other.finish().unwrap();
-        assert_eq!(changed(), [scene.display().to_string()]);
-    }
-
-    #[test]
-    fn no_result_goes_into_an_input() {
-        let folder = tempfile::tempdir().unwrap();
-        let photos = folder.path().join("photos");
-        fs::create_dir(&photos).unwrap();
-        let inputs = Inputs::list(&[&photos], &[]).unwrap();
-        let run = Run::new("blend", &RenderJob::default(), &inputs).unwrap();
-        let error = OutDir::create(&folder.path().join("photos/../photos"), run, true);
-        let said = error.unwrap_err().to_string();
-        assert!(said.contains("photos: expected another folder"), "{said}");
-    }
+    let below = folder.components().skip(common);
+    let up = below.map(|_| Component::ParentDir);
+    let name: PathBuf = up.chain(file.components().skip(common)).collect();
+    as_text(&name)
 }
+
+#[cfg(test)]
+mod tests;

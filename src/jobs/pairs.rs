@@ -2,7 +2,7 @@
 
 use super::cameras::{self, CameraOptions};
 use super::meshes::{MeshOptions, read_mesh};
-use super::out::write_run_file;
+use super::out::{check_no_input, replaced, write_run_file};
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::generate::{Covisibility, PairOptions, sparse_sources};
@@ -69,17 +69,14 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     let run_file = run_file_beside(&job.out);
     check_out_file(&job.out, context.force)?;
     check_out_file(&run_file, context.force)?;
-    let (views, sources, meshes) = if job.mesh.is_empty() {
+    let (views, sources, run) = if job.mesh.is_empty() {
         let model = read_model(job, context)?;
+        let run = run_of(job, &[])?;
         let sources = sparse_sources(&model.views, (&model.points, &model.seen), &job.pairs)?;
-        (model.views, sources, Vec::new())
+        (model.views, sources, run)
     } else {
         exact(job, context)?
     };
-    let own = [job.out.clone(), run_file.clone()];
-    let mut inputs: Vec<&Path> = vec![&job.cameras];
-    inputs.extend(meshes.iter().map(PathBuf::as_path));
-    let run = Run::new("pairs", job, &Inputs::list(&inputs, &own)?)?;
     let outcome = outcome(&views, sources);
     if outcome.views.is_empty() {
         let problem = format!(
@@ -106,12 +103,26 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     };
     let entries: Vec<PairEntry> = outcome.views.iter().map(entry).collect();
     files::write_atomically(&job.out, |out| pair::write(out, &entries))?;
-    write_run_file(run, &run_file, &own[..1])?;
+    write_run_file(run, &run_file, std::slice::from_ref(&job.out))?;
     Ok(outcome)
 }
 
-/// Views, the sources of each, and the files that say so beside the cameras.
-type Chosen = (Vec<View>, Vec<Vec<SourceScore>>, Vec<PathBuf>);
+/// Views, the sources of each, and the run that chose them.
+type Chosen = (Vec<View>, Vec<Vec<SourceScore>>, Run);
+
+/// The run on the cameras and these mesh files. None of them may be replaced; a `pair.txt` among the cameras
+/// may, whoever wrote it: sources are chosen anew.
+fn run_of(job: &PairsJob, meshes: &[PathBuf]) -> Result<Run> {
+    let run_file = run_file_beside(&job.out);
+    let own = [job.out.clone(), run_file.clone()];
+    let mut inputs: Vec<&Path> = vec![&job.cameras];
+    inputs.extend(meshes.iter().map(PathBuf::as_path));
+    let listed = Inputs::list(&inputs, replaced(&own, &run_file, "pairs"))?;
+    let read = listed.files().into_iter();
+    let read = read.filter(|file| !file.ends_with("pair.txt"));
+    check_no_input(&[&job.out, &run_file], read)?;
+    Run::new("pairs", job, &Inputs::list(&inputs, &own)?)
+}
 
 fn read_model(job: &PairsJob, context: &Context<'_>) -> Result<SparseModel> {
     let options = CamerasOptions {
@@ -131,11 +142,12 @@ fn read_model(job: &PairsJob, context: &Context<'_>) -> Result<SparseModel> {
     Ok(model)
 }
 
-/// Views with their sources by what the mesh lets them see, and the mesh's files.
+/// Views with their sources by what the mesh lets them see.
 fn exact(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
     let options = (job.pixel_center, &job.camera);
     let scene = cameras::read(&job.cameras, options, None, context)?;
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
+    let run = run_of(job, &loaded.files)?;
     let renderer = Renderer::new(&loaded.mesh)?;
     let surface = (&renderer, &loaded.mesh);
     let views = scene.views().to_vec();
@@ -144,7 +156,7 @@ fn exact(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
         Covisibility::measure(surface, &views, look, context.progress)?
     };
     let sources = shared.sources(&views, job.pairs.sources);
-    Ok((views, sources, loaded.files))
+    Ok((views, sources, run))
 }
 
 fn outcome(views: &[View], sources: Vec<Vec<SourceScore>>) -> PairsOutcome {

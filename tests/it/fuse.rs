@@ -1,5 +1,6 @@
 //! The file job on the synthetic scene: streaming, determinism, report, refusals.
 
+mod among;
 mod places;
 mod real;
 

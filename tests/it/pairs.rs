@@ -4,6 +4,7 @@ use crate::support::{mvs_eval, stderr, text, write};
 use mvs_datasets::format::colmap;
 use mvs_datasets::format::pair;
 use mvs_datasets::layout::files;
+use mvs_eval::provenance::Run;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -161,4 +162,59 @@ fn models_that_say_nothing_of_points_are_named() {
     refused("found 0 points and none seen");
     fs::remove_file(folder.path().join("images.txt")).unwrap();
     refused("expected a COLMAP model");
+}
+
+#[test]
+fn pairs_replace_pairs_and_nothing_that_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    model_text(folder.path());
+    let elsewhere = tempfile::tempdir().unwrap();
+    let mesh = elsewhere.path().join("mesh.obj");
+    write(&mesh, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    let run = |name: &str, with: &[&str]| {
+        let out = folder.path().join(name);
+        let always = ["pairs", "--cameras", text(folder.path()), "--force"];
+        mvs_eval(&[&always[..], &["--out", text(&out)], with].concat())
+    };
+    // The run.toml of another command does not make what lies beside it a result of this one.
+    let other = folder.path().join("images.run.toml");
+    let of_fuse = Run {
+        command: "fuse".to_owned(),
+        version: String::new(),
+        revision: String::new(),
+        options: toml::Table::new(),
+        inputs: BTreeMap::new(),
+        files: ["images.txt".to_owned()].into(),
+    };
+    of_fuse.write(&other).unwrap();
+    let with_mesh = ["--mesh", text(&mesh)];
+    for (input, with) in [
+        ("images.txt", &[][..]),
+        ("cameras.txt", &[]),
+        ("points3D.txt", &[]),
+        ("images.txt", &with_mesh),
+        (text(&mesh), &with_mesh),
+    ] {
+        let path = folder.path().join(input);
+        let before = fs::read(&path).unwrap();
+        let output = run(input, with);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(
+            said.contains(text(&path)) && said.contains("found an input"),
+            "{said}"
+        );
+        assert_eq!(fs::read(&path).unwrap(), before);
+    }
+    fs::remove_file(other).unwrap();
+    // Pairs from elsewhere are not read.
+    write(&folder.path().join("pair.txt"), "0\n");
+    for _ in 0..2 {
+        let output = run("pair.txt", &[]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        assert!(!read_pairs(&folder.path().join("pair.txt")).is_empty());
+        let run_file = folder.path().join("pair.run.toml");
+        let run = Run::read(&run_file).unwrap();
+        assert_eq!(run.changed_inputs(&run_file), [""; 0]);
+    }
 }

@@ -5,7 +5,7 @@ use super::maps::FolderMaps;
 use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
-use crate::jobs::out::{remove_if_there, write_run_file};
+use crate::jobs::out::{check_no_input, remove_if_there, replaced, write_run_file};
 use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
@@ -87,7 +87,13 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     all.iter().try_for_each(FuseOptions::check)?;
     let truth = read_truth(job)?;
     let own = [job.out.clone(), run_file.clone()];
-    let mut folder = FolderMaps::open(&job.fuse, &own, context)?;
+    let mut folder = FolderMaps::open(&job.fuse, replaced(&own, &run_file, "sweep"), context)?;
+    let others = [&job.fuse.crop, &job.truth].into_iter().flatten();
+    let read = folder
+        .files()
+        .into_iter()
+        .chain(others.map(PathBuf::as_path));
+    check_no_input(&[&job.out, &run_file], read)?;
     if let Some(truth) = &job.truth {
         folder.inputs.add(truth)?;
         folder.hash_others()?;
