@@ -3,9 +3,8 @@
 //!
 //! What the rows below need of the mesh is asked for meanwhile.
 
-use super::lanes::Lanes;
+use super::lanes::{LANES, Lanes};
 use super::maps::{ROWS, Resolver, Sheet};
-use super::planes::Pending;
 use super::row::Line;
 use super::tile::{NONE, SIZE};
 use crate::ahead::{WORDS, prefetch};
@@ -20,71 +19,89 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
     #[inline(always)]
     pub(super) fn dot<L: Lanes>(&mut self, l: L, (top, count): (usize, usize), line: &mut Line) {
         for row in top..top + count {
-            self.ask_triangles(row);
-            self.ask_vertices(row);
+            self.ask_before(row);
             self.dot_row(l, row, line);
             (self.put)(line, row);
         }
     }
 
+    /// Asks for what rows above have not asked for.
     #[inline(always)]
-    fn ask_triangles(&mut self, row: usize) {
+    fn ask_before(&mut self, row: usize) {
+        let [triangles, vertices] = self.resolver.asked;
+        for row in triangles.max(row)..SIZE.min(row + TRIANGLES_AHEAD) {
+            for first in (0..SIZE).step_by(LANES) {
+                self.ask_triangles((row, first));
+            }
+        }
+        for row in vertices.max(row)..SIZE.min(row + VERTICES_AHEAD) {
+            for first in (0..SIZE).step_by(LANES) {
+                self.ask_vertices((row, first));
+            }
+        }
+        self.resolver.asked = [TRIANGLES_AHEAD, VERTICES_AHEAD].map(|ahead| row + ahead + 1);
+    }
+
+    /// Asks for the triangles that some pixels of a row see.
+    #[inline(always)]
+    fn ask_triangles(&self, (row, first): (usize, usize)) {
         let triangles = self.place.eye.frame.mesh().triangles();
-        let until = SIZE.min(row + TRIANGLES_AHEAD + 1);
-        for row in self.resolver.asked[0].max(row)..until {
-            for &id in self.tile.row(row, SIZE) {
-                prefetch(triangles, if id == NONE { 0 } else { id } as usize);
-            }
+        for &id in &self.tile.row(row, SIZE)[first..][..LANES] {
+            prefetch(triangles, if id == NONE { 0 } else { id } as usize);
         }
-        self.resolver.asked[0] = until;
     }
 
+    /// Asks for their vertices.
     #[inline(always)]
-    fn ask_vertices(&mut self, row: usize) {
+    fn ask_vertices(&mut self, (row, first): (usize, usize)) {
         let mesh = self.place.eye.frame.mesh();
-        let until = SIZE.min(row + VERTICES_AHEAD + 1);
-        for row in self.resolver.asked[1].max(row)..until {
-            let y = self.y(row);
-            let ids = self.tile.row(row, SIZE);
-            let Resolver { pending, x, .. } = &mut *self.resolver;
-            let pending = &mut pending[SIZE * (row % ROWS)..][..SIZE];
-            for ((pending, &id), &x) in pending.iter_mut().zip(ids).zip(&*x) {
-                let id = if id == NONE { 0 } else { id };
-                let vertices = mesh.triangles()[id as usize];
-                for vertex in vertices {
-                    prefetch(mesh.vertices(), vertex as usize);
-                }
-                *pending = Pending {
-                    id,
-                    spot: [x, y],
-                    vertices,
-                };
+        let (triangles, positions) = (mesh.triangles(), mesh.vertices());
+        let ids = &self.tile.row(row, SIZE)[first..][..LANES];
+        let seen = &mut self.resolver.vertices[SIZE * (row % ROWS) + first..][..LANES];
+        for (vertices, &id) in seen.iter_mut().zip(ids) {
+            *vertices = triangles[if id == NONE { 0 } else { id } as usize];
+            for &vertex in &*vertices {
+                prefetch(positions, vertex as usize);
             }
         }
-        self.resolver.asked[1] = until;
     }
 
+    /// Works out a row, and asks by the way for what is needed later: so neither waits for the other.
     #[inline(always)]
     fn dot_row<L: Lanes>(&mut self, l: L, row: usize, line: &mut Line) {
-        let frame = &self.place.eye.frame;
+        let (frame, y) = (&self.place.eye.frame, self.y(row));
+        self.resolver.fresh.spots = [self.resolver.x, [y; SIZE]];
+        for first in (0..SIZE).step_by(LANES) {
+            if row + TRIANGLES_AHEAD < SIZE {
+                self.ask_triangles((row + TRIANGLES_AHEAD, first));
+            }
+            if row + VERTICES_AHEAD < SIZE {
+                self.ask_vertices((row + VERTICES_AHEAD, first));
+            }
+            let Resolver {
+                vertices, fresh, ..
+            } = &mut *self.resolver;
+            let vertices = &vertices[SIZE * (row % ROWS)..][..SIZE];
+            fresh.load_corners(l, frame, (first, first + LANES), |index| vertices[index]);
+            // What was stored by halves is not read as a whole at once.
+            if let Some(before) = first.checked_sub(LANES) {
+                fresh.set_up::<false>(self.window, (before, first));
+            }
+        }
+        let fresh = &mut self.resolver.fresh;
+        fresh.set_up::<false>(self.window, (SIZE - LANES, SIZE));
         let ids = self.tile.row(row, SIZE);
-        let Resolver {
-            pending,
-            fresh,
-            rows,
-            ..
-        } = &mut *self.resolver;
-        if rows[row % ROWS].0 == 1 && ids[0] == NONE {
-            return line.clear();
-        }
         line.triangles[WORDS..].copy_from_slice(ids);
-        fresh.load(l, frame, &pending[SIZE * (row % ROWS)..][..SIZE]);
-        fresh.set_up::<false>(self.window);
-        let mut doubtful = fresh.write(l, line);
-        for (column, _) in ids.iter().enumerate().filter(|(_, id)| **id == NONE) {
-            line.blank(column);
-            doubtful &= !(1 << column);
+        let doubtful = fresh.write(l, line);
+        let mut seen = 0;
+        for (index, eight) in ids.as_chunks().0.iter().enumerate() {
+            seen |= u64::from(l.differ(eight, &[NONE; LANES])) << (LANES * index);
         }
-        self.settle(doubtful, self.y(row), line);
+        let mut blank = !seen;
+        while blank != 0 {
+            line.blank(blank.trailing_zeros() as usize % SIZE);
+            blank &= blank - 1;
+        }
+        self.settle(doubtful & seen, y, line);
     }
 }

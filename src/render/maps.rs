@@ -13,7 +13,7 @@
 use super::Seen;
 use super::clusters::Clusters;
 use super::eye::Eye;
-use super::lanes::{Lanes, Task, dispatch};
+use super::lanes::{LANES, Lanes, Task, dispatch};
 use super::lens::Place;
 use super::pages::{Maps, Row, Waiting};
 use super::planes::{Fresh, Pending, Plane, Window};
@@ -77,7 +77,7 @@ const RUNS: usize = ROWS * SIZE;
 /// What is worked out about a tile.
 pub(crate) struct Resolver {
     /// Triangles met in the present rows for the first time, and how many.
-    pub(super) pending: [Pending; RUNS + 1],
+    pending: [Pending; RUNS + 1],
     waiting: usize,
     /// The first stands for none, and how many have been set up, it included.
     planes: Vec<Plane>,
@@ -85,6 +85,8 @@ pub(crate) struct Resolver {
     /// Triangles met of late, by their number, with their place in `planes`.
     met: [(u32, u32); SLOTS + 1],
     pub(super) fresh: Fresh,
+    /// Of rows that are worked out pixel by pixel: the vertices of the triangles that are seen.
+    pub(super) vertices: [[u32; 3]; RUNS],
     /// Places in `planes` of the runs of pixels that see one triangle.
     runs: [u32; RUNS],
     /// In each row: the first pixels of runs as bits, and the number of its first run.
@@ -109,6 +111,7 @@ impl Resolver {
             set_up: 1,
             met: [(NONE, 0); SLOTS + 1],
             fresh: Fresh::new(),
+            vertices: [[0; 3]; RUNS],
             runs: [0; RUNS],
             rows: [(0, 0); ROWS],
             own_runs: OWN_RUNS,
@@ -266,7 +269,6 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
             }
         }
         self.resolver.waiting = waiting;
-        self.resolver.asked[1] = 0;
     }
 
     /// Sets up triangles met for the first time: all vertices are asked for before the first is needed.
@@ -290,7 +292,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
         }
         for pending in pending[..*waiting].chunks(SIZE) {
             fresh.load(l, frame, pending);
-            fresh.set_up::<true>(self.window);
+            fresh.set_up::<true>(self.window, (0, pending.len().next_multiple_of(LANES)));
             fresh.put(l, (planes, *set_up));
             *set_up += pending.len();
         }

@@ -66,15 +66,16 @@ impl Pending {
     };
 }
 
-/// Triangles to be set up together, side by side.
+/// Triangles to be set up together, side by side, in columns that begin where cache lines do.
+#[repr(C, align(64))]
 pub(crate) struct Fresh {
-    pub(crate) count: usize,
     /// Where a pixel sees each: x and y of its direction.
-    spots: [[f64; SIZE]; 2],
+    pub(crate) spots: [[f64; SIZE]; 2],
     corners: [[f64; SIZE]; 9],
     at: [[f64; SIZE]; 4],
     along: [[[f64; SIZE]; 3]; 2],
     normals: [[f64; SIZE]; 3],
+    pub(crate) count: usize,
 }
 
 impl Fresh {
@@ -89,10 +90,29 @@ impl Fresh {
         }
     }
 
-    /// Takes over some triangles, at most [`SIZE`], with their corners as [`Frame::facet`] has them.
+    /// Takes over some triangles, at most [`SIZE`].
     #[inline(always)]
     pub(crate) fn load<L: Lanes>(&mut self, l: L, frame: &Frame<'_>, pending: &[Pending]) {
         self.count = pending.len().min(SIZE);
+        for (index, one) in pending.iter().enumerate().take(SIZE) {
+            self.spots[0][index] = one.spot[0];
+            self.spots[1][index] = one.spot[1];
+        }
+        // Of fewer than four, the last fills the rest.
+        let vertices = |index: usize| pending[index.min(pending.len() - 1)].vertices;
+        self.load_corners(l, frame, (0, self.count), vertices);
+    }
+
+    /// Takes over corners, by their vertices, from one triangle up to another, as [`Frame::facet`] has them; up to
+    /// three beyond, too.
+    #[inline(always)]
+    pub(crate) fn load_corners<L: Lanes>(
+        &mut self,
+        l: L,
+        frame: &Frame<'_>,
+        (first, end): (usize, usize),
+        corners_of: impl Fn(usize) -> [u32; 3],
+    ) {
         let vertices = frame.mesh().vertices();
         let (rotation, center) = (frame.rotation().to_cols_array(), frame.center_in_cam());
         let (mut middle, mut axes) = ([l.splat_f64(0.0); 3], [l.splat_f64(0.0); 9]);
@@ -104,15 +124,11 @@ impl Fresh {
         for k in 0..9 {
             axes[k] = l.splat_f64(rotation[k]);
         }
-        for from in (0..self.count).step_by(FOUR) {
+        for from in (first..end).step_by(FOUR) {
             let from = from.min(SIZE - FOUR);
             let mut four = [[0; 3]; FOUR];
-            for k in 0..FOUR {
-                // Of fewer than four, the last fills the rest.
-                let one = &pending[(from + k).min(self.count - 1)];
-                four[k] = one.vertices;
-                self.spots[0][from + k] = one.spot[0];
-                self.spots[1][from + k] = one.spot[1];
+            for (k, vertices) in four.iter_mut().enumerate() {
+                *vertices = corners_of(from + k);
             }
             for corner in 0..3 {
                 let mut positions = [l.splat_f64(0.0); FOUR];
@@ -141,15 +157,20 @@ impl Fresh {
     /// which moves the depth by that over t of the corners' difference in depth, in both ways to
     /// compute it; the rest is a few roundings. An error of t where the plane was set up cancels.
     ///
-    /// Without `SLOPES` only their values where the triangles are seen.
+    /// Without `SLOPES` only their values where the triangles are seen. From one place up to another: whole lanes,
+    /// where there is nothing beyond the last triangle that anybody looks at.
     #[inline(always)]
-    pub(crate) fn set_up<const SLOPES: bool>(&mut self, window: &Window) {
-        let count = self.count.min(SIZE);
+    pub(crate) fn set_up<const SLOPES: bool>(
+        &mut self,
+        window: &Window,
+        (first, end): (usize, usize),
+    ) {
+        let end = end.min(SIZE);
         let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
         let [vs, ws, ts, doubts] = &mut self.at;
         let [[vx, wx, tx], [vy, wy, ty]] = &mut self.along;
         let [nx, ny, nz] = &mut self.normals;
-        for i in 0..count {
+        for i in first..end {
             let (x, y) = (self.spots[0][i], self.spots[1][i]);
             let (ux, uy, uz) = (bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]);
             let (ox, oy, oz) = (cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]);

@@ -26,6 +26,8 @@ pub(super) struct Stored {
 const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
 impl Stored {
+    /// Draws a triangle. No call is in its loops, or what they need would not stay in registers: if something is
+    /// in doubt, its samples are gone through again.
     #[inline(always)]
     pub(super) fn draw<L: Lanes>(
         &self,
@@ -44,6 +46,8 @@ impl Stored {
             start[edge] = l.mul_add(along, steps, l.splat(self.at[edge][lane]));
             down[edge] = l.splat(self.along_y[edge][lane]);
         }
+        let mut canvas = brush.tile.canvas();
+        let mut unsettled = 0;
         // Most are no wider than one stroke.
         let mut first = from.column;
         loop {
@@ -56,7 +60,8 @@ impl Stored {
                     at[edge] = l.mul_add(down[edge], y, start[edge]);
                 }
                 y = l.add(y, one);
-                pen.stroke(l, brush, (index, triangle), at);
+                let (near, known) = pen.judge(l, at);
+                unsettled |= canvas.try_offer(l, index, (triangle, near), known);
                 index += STRIDE;
             }
             first += LANES;
@@ -68,6 +73,42 @@ impl Stored {
                 let along = l.splat(self.along_x[edge][lane]);
                 let corner = l.mul_add(along, right, l.splat(self.at[edge][lane]));
                 start[edge] = l.mul_add(along, steps, corner);
+            }
+        }
+        if unsettled != 0 {
+            self.doubt_samples(brush, (lane, triangle));
+        }
+    }
+
+    /// Has it decided later which samples see a triangle that has been drawn: those that may, and where it is not
+    /// yet what is seen.
+    #[cold]
+    #[inline(never)]
+    fn doubt_samples(&self, brush: &mut Brush<'_>, (lane, triangle): (usize, u32)) {
+        let from = spot(self.columns[0][lane], self.rows[0][lane]);
+        let to = spot(self.columns[1][lane], self.rows[1][lane]);
+        let doubt = self.doubt[lane];
+        // Where strokes end: they reach beyond the last column.
+        let width = (to.column - from.column + 1).next_multiple_of(LANES);
+        for row in from.row..=to.row {
+            for column in from.column..STRIDE.min(from.column + width) {
+                let (right, down) = ((column - from.column) as f32, (row - from.row) as f32);
+                let at = [0, 1, 2].map(|edge| {
+                    let start = self.at[edge][lane] + self.along_y[edge][lane] * down;
+                    start + self.along_x[edge][lane] * right
+                });
+                let nearness = (0..3).map(|k| at[k] * self.nearness[k][lane]).sum();
+                let least = at[0].min(at[1]).min(at[2]);
+                let index = Spot { column, row }.index();
+                let shown = brush.tile.shows(index, triangle);
+                if !shown && least >= -doubt && !brush.tile.surely_hides(index, nearness) {
+                    brush.doubt(Doubt {
+                        index,
+                        triangle,
+                        nearness,
+                        met: least > doubt,
+                    });
+                }
             }
         }
     }
@@ -172,12 +213,19 @@ impl<V: Copy> Pen<V> {
         (index, triangle): (usize, u32),
         at: [V; 3],
     ) {
+        let (near, known) = self.judge(l, at);
+        offer_lanes(l, brush, (index, triangle, near), known);
+    }
+
+    /// How near the triangle is where its edge functions are `at`, and whether it surely is seen there, and surely
+    /// not.
+    #[inline(always)]
+    fn judge<L: Lanes<V = V>>(&self, l: L, at: [V; 3]) -> (V, (L::M, L::M)) {
         let least = l.min(l.min(at[0], at[1]), at[2]);
         let beside = l.below(least, self.below);
         // Whether all lie beside it cannot be foreseen: nothing branches on it.
         let near = weighted(l, at, self.nearness);
-        let inside = l.below(self.doubt, least);
-        offer_lanes(l, brush, (index, triangle, near), (inside, beside));
+        (near, (l.below(self.doubt, least), beside))
     }
 }
 
@@ -206,7 +254,8 @@ fn offer_lanes<L: Lanes>(
     let offer = (triangle, near);
     let unsettled = brush
         .tile
-        .try_offer_lanes(l, index, offer, (inside, beside));
+        .canvas()
+        .try_offer(l, index, offer, (inside, beside));
     if unsettled != 0 {
         let (near, inside) = (l.store(near), l.bits(inside));
         for lane in SetBits(unsettled) {

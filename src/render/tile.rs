@@ -191,28 +191,18 @@ impl Tile {
         nearness < self.nearness[index] * (1.0 - 2.0 * DOUBT)
     }
 
-    /// Offers a triangle to samples side by side from `index` on: in the lanes of `inside` it is
-    /// seen, in those of `beside` it is not. Returns the lanes that nothing was decided for.
+    /// Whether a triangle is what a sample sees.
+    pub(crate) fn shows(&self, index: usize, triangle: u32) -> bool {
+        self.triangles[index] == triangle
+    }
+
+    /// What is drawn on, many samples at a time.
     #[inline(always)]
-    pub(crate) fn try_offer_lanes<L: Lanes>(
-        &mut self,
-        l: L,
-        index: usize,
-        (triangle, nearness): (u32, L::V),
-        (inside, beside): (L::M, L::M),
-    ) -> u32 {
-        let (Some(there), Some(triangles)) = (
-            self.nearness[index..].first_chunk_mut::<LANES>(),
-            self.triangles[index..].first_chunk_mut::<LANES>(),
-        ) else {
-            return 0;
-        };
-        let old = l.load(there);
-        let wins = l.and(inside, l.below(l.mul(old, l.splat(1.0 + DOUBT)), nearness));
-        let hidden = l.below(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
-        *there = l.store(l.choose(wins, nearness, old));
-        *triangles = l.overwrite(wins, triangle, triangles);
-        !l.bits(l.or(l.or(beside, hidden), wins)) & ALL
+    pub(crate) fn canvas(&mut self) -> Canvas<'_> {
+        Canvas {
+            nearness: &mut self.nearness[..STRIDE * SIZE],
+            triangles: &mut self.triangles[..STRIDE * SIZE],
+        }
     }
 
     /// Makes `triangle` visible at a sample if it is nearer than what is there. Within [`DOUBT`]
@@ -240,6 +230,38 @@ impl Tile {
         }
         self.nearness[index] = nearness;
         self.triangles[index] = triangle;
+    }
+}
+
+/// The columns of a tile.
+pub(crate) struct Canvas<'t> {
+    nearness: &'t mut [f32],
+    triangles: &'t mut [u32],
+}
+
+impl Canvas<'_> {
+    /// Offers a triangle to samples side by side from `index` on: in the lanes of `inside` it is
+    /// seen, in those of `beside` it is not. Returns the lanes that nothing was decided for.
+    #[inline(always)]
+    pub(crate) fn try_offer<L: Lanes>(
+        &mut self,
+        l: L,
+        index: usize,
+        (triangle, nearness): (u32, L::V),
+        (inside, beside): (L::M, L::M),
+    ) -> u32 {
+        let (Some(there), Some(triangles)) = (
+            self.nearness[index..].first_chunk_mut::<LANES>(),
+            self.triangles[index..].first_chunk_mut::<LANES>(),
+        ) else {
+            return 0;
+        };
+        let old = l.load(there);
+        let wins = l.and(inside, l.below(l.mul(old, l.splat(1.0 + DOUBT)), nearness));
+        let hidden = l.below(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
+        *there = l.store(l.choose(wins, nearness, old));
+        *triangles = l.overwrite(wins, triangle, triangles);
+        !l.bits(l.or(l.or(beside, hidden), wins)) & ALL
     }
 }
 
