@@ -229,7 +229,7 @@ struct Group<L: Lanes> {
     along_y: [L::V; 3],
     /// How far the functions may be off; inside or outside is clear beyond this.
     doubt: L::V,
-    /// Nearness at each corner, over the sum of the functions.
+    /// Nearness at the first corner, and what the others add to it by their functions.
     nearness: [L::V; 3],
     /// That of the nearest corner.
     nearest: L::V,
@@ -290,9 +290,9 @@ impl<L: Lanes> Group<L> {
             along_y,
             doubt,
             nearness: [
-                l.mul(nearness[0], scale),
-                l.mul(nearness[1], scale),
-                l.mul(nearness[2], scale),
+                nearness[0],
+                l.mul(l.sub(nearness[1], nearness[0]), scale),
+                l.mul(l.sub(nearness[2], nearness[0]), scale),
             ],
             nearest: high,
             alive,
@@ -353,7 +353,7 @@ impl<L: Lanes> Group<L> {
                 let least = l.min(l.min(at[0], at[1]), at[2]);
                 let inside = wide & l.less(self.doubt, least);
                 let maybe = wide & !inside & !l.less(least, below);
-                let nearness = weighted(l, at, self.nearness);
+                let nearness = between(l, at, self.nearness);
                 let index = l.add(first, l.splat((x + y * STRIDE) as f32));
                 brush.offers.put(l, inside, [index, nearness, numbers]);
                 if maybe != 0 {
@@ -408,10 +408,12 @@ impl<L: Lanes> Group<L> {
     }
 }
 
+/// How near a triangle is where its edge functions are `at`, from its first corner's nearness and what the others
+/// add: so the roundings of the functions, which need not add up to the triangle's size, count for no more than the
+/// corners differ.
 #[inline(always)]
-pub(super) fn weighted<L: Lanes>(l: L, at: [L::V; 3], values: [L::V; 3]) -> L::V {
-    let sum = l.mul(at[0], values[0]);
-    l.mul_add(at[2], values[2], l.mul_add(at[1], values[1], sum))
+pub(super) fn between<L: Lanes>(l: L, at: [L::V; 3], [first, second, third]: [L::V; 3]) -> L::V {
+    l.mul_add(at[2], third, l.mul_add(at[1], second, first))
 }
 
 #[inline(always)]

@@ -8,7 +8,7 @@
 use super::bent::Bent;
 use super::doubts::Doubt;
 use super::lanes::{ALL, LANES, Lanes, SetBits};
-use super::raster::{Brush, spot, spread, weighted};
+use super::raster::{Brush, between, spot, spread};
 use super::tile::{STRIDE, Spot};
 
 /// What is known about eight triangles, in memory: see [`super::raster`].
@@ -80,8 +80,8 @@ impl Stored {
         }
     }
 
-    /// Has it decided later which samples see a triangle that has been drawn: those that may, and where it is not
-    /// yet what is seen.
+    /// Has it decided later which samples see a triangle that has been drawn: those that may, unless what is there
+    /// shows it already or clearly hides it. Rounded otherwise than in the strokes, which the doubts allow for.
     #[cold]
     #[inline(never)]
     fn doubt_samples(&self, brush: &mut Brush<'_>, (lane, triangle): (usize, u32)) {
@@ -97,7 +97,8 @@ impl Stored {
                     let start = self.at[edge][lane] + self.along_y[edge][lane] * down;
                     start + self.along_x[edge][lane] * right
                 });
-                let nearness = (0..3).map(|k| at[k] * self.nearness[k][lane]).sum();
+                let [first, second, third] = [0, 1, 2].map(|corner| self.nearness[corner][lane]);
+                let nearness = at[2] * third + (at[1] * second + first);
                 let least = at[0].min(at[1]).min(at[2]);
                 let index = Spot { column, row }.index();
                 let shown = brush.tile.shows(index, triangle);
@@ -224,7 +225,7 @@ impl<V: Copy> Pen<V> {
         let least = l.min(l.min(at[0], at[1]), at[2]);
         let beside = l.below(least, self.below);
         // Whether all lie beside it cannot be foreseen: nothing branches on it.
-        let near = weighted(l, at, self.nearness);
+        let near = between(l, at, self.nearness);
         (near, (l.below(self.doubt, least), beside))
     }
 }

@@ -203,6 +203,48 @@ fn agree(mesh: &Mesh, view: &View, seen: &Seen, slow: &Rendering) -> usize {
     hits
 }
 
+/// Thin triangles parallel to the image, each about the centre of a pixel, before a sheet that is hardly behind
+/// them: their edge functions are roundings for the most part, and what they make of the depth must not show.
+#[test]
+fn slivers_hide_what_is_just_behind_them() {
+    let pose = Pose::looking_at(DVec3::new(3.0, -2.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();
+    let view = view(pose, 192, 160);
+    let at = |pixel: DVec2, depth: f64| view.pose.to_world(view.camera.ray(pixel) * depth);
+    let (mut noise, mut hits) = (Noise(11), 0);
+    for width in [0.004, 0.02, 0.1] {
+        for depth in [0.37, 3.052_687] {
+            let behind = depth * (1.0 + 2.5e-4);
+            let corners = [(-9.0, -9.0), (400.0, -9.0), (-9.0, 400.0)];
+            let mut vertices = corners.map(|(x, y)| at(DVec2::new(x, y), behind)).to_vec();
+            for (column, row) in (0..12).flat_map(|row| (0..12).map(move |column| (column, row))) {
+                let center = DVec2::new(f64::from(column), f64::from(row)) * 13.0 + 8.5;
+                let along = DVec2::from_angle(noise.next() * 3.0);
+                let across = along.perp() * width;
+                let [before, after] = [0, 1].map(|_| 6.0 + 5.0 * noise.next());
+                // At the centre it is as wide as that part of it which lies before.
+                let tip = center - along * before - across * 0.2;
+                let ends = [0.0, 1.0].map(|side| center + along * after + across * (side - 0.2));
+                vertices.extend([tip, ends[0], ends[1]].map(|pixel| at(pixel, depth)));
+            }
+            let count = vertices.len() as u32 / 3;
+            let triangles = (0..count).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+            let mesh = Mesh::new(vertices, triangles).unwrap();
+            let options = RenderOptions {
+                samples: 1,
+                back_faces: BackFaces::Valid,
+                ..RenderOptions::default()
+            };
+            let slow = Oracle::new(&mesh).render(&view, &options).unwrap();
+            let mut seen = Seen::default();
+            Renderer::new(&mesh).unwrap().see(&view, &mut seen).unwrap();
+            agree(&mesh, &view, &seen, &slow);
+            let is_sliver = |&&triangle: &&u32| triangle > 0 && triangle != Seen::NO_TRIANGLE;
+            hits += seen.triangles.iter().filter(is_sliver).count();
+        }
+    }
+    assert!(hits > 600, "{hits}");
+}
+
 /// Two bumpy sheets, closer to each other than f32 can tell, whose every vertex lies behind the
 /// centre of a pixel of `view`: all decisions are about roundings.
 fn sheets_behind_pixels(view: &View) -> Mesh {
