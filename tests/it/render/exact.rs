@@ -211,7 +211,7 @@ fn slivers_hide_what_is_just_behind_them() {
     let view = view(pose, 192, 160);
     let at = |pixel: DVec2, depth: f64| view.pose.to_world(view.camera.ray(pixel) * depth);
     let (mut noise, mut hits) = (Noise(11), 0);
-    for width in [0.004, 0.02, 0.1] {
+    for width in [0.003, 0.006, 0.02] {
         for depth in [0.37, 3.052_687] {
             let behind = depth * (1.0 + 2.5e-4);
             let corners = [(-9.0, -9.0), (400.0, -9.0), (-9.0, 400.0)];
@@ -220,7 +220,7 @@ fn slivers_hide_what_is_just_behind_them() {
                 let center = DVec2::new(f64::from(column), f64::from(row)) * 13.0 + 8.5;
                 let along = DVec2::from_angle(noise.next() * 3.0);
                 let across = along.perp() * width;
-                let [before, after] = [0, 1].map(|_| 6.0 + 5.0 * noise.next());
+                let [before, after] = [0, 1].map(|_| 22.0 + 14.0 * noise.next());
                 // At the centre it is as wide as that part of it which lies before.
                 let tip = center - along * before - across * 0.2;
                 let ends = [0.0, 1.0].map(|side| center + along * after + across * (side - 0.2));
