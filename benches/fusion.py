@@ -6,13 +6,15 @@ usage: python benches/fusion.py --binary target/release/mvs-eval
            [--repeats 3]
 
 Inputs are the project's synthetic scenes (0.1 % noise, 2 % outliers, flying pixels, holes), written by
-`cargo build --release --example fusion_inputs`; for `--memory`, under a budget of so many MiB. COLMAP gets the depths that pass our confidence
-filter, exact normals, and a sparse model of exact surface points from which it chooses neighbours; we
-get depth and confidence maps and pair.txt. Every run is its own process on one thread; CPU time and
-peak memory are the system's account of it, reading, colours and writing included; an empty run of
-each tool (Python importing pycolmap; `--version`) is measured too, and ratios are taken with and without it; no run finds its output already there. Clouds are scored by `mvs-eval
-score` against samples of the exact surface 0.005 apart at tau = 0.01, thinned by a 0.005 voxel grid;
-the surface error is the median exact distance of all points. Needs pycolmap.
+`cargo build --release --example fusion_inputs`; for `--memory`, under a budget of so many MiB. COLMAP
+gets the depths that pass our confidence filter, exact normals, and a sparse model of exact surface
+points from which it chooses neighbours; we get depth and confidence maps and pair.txt. Every run is its
+own process on one thread; CPU time and peak memory are the system's account of it, reading, colours and
+writing included; an empty run of each tool (Python importing pycolmap; `--version`) is measured too, and
+ratios are taken with and without it. No run finds its output already there, and each follows one of the
+same that is not measured, so that the system has memory at hand. Clouds are scored by `mvs-eval score`
+against samples of the exact surface 0.005 apart at tau = 0.01, thinned by a 0.005 voxel grid; the
+surface error is the median exact distance of all points. Needs pycolmap.
 """
 
 import argparse
@@ -39,7 +41,9 @@ def run_colmap(workspace, out, settings):
         pycolmap.stereo_fusion(out, workspace, "COLMAP", "option-all", "geometric", options, "ply")
 
 
-def measured(command, output=None):
+def measured(command, output=None, warm=False):
+    if warm:
+        measured(command, output)
     if output and os.path.exists(output):
         os.remove(output)
     start = time.perf_counter()
@@ -95,7 +99,7 @@ def compare(args, name):
         commands["COLMAP", settings] = colmap(folder, settings, out)
     commands["mvs-eval", "nothing"] = [args.binary, "--version"]
     runs = [{"scene": name, "tool": tool, "settings": settings, "repeat": repeat,
-             **measured(command, outputs.get((tool, settings)))}
+             **measured(command, outputs.get((tool, settings)), warm=True)}
             for repeat in range(args.repeats) for (tool, settings), command in commands.items()]
     medians = []
     for tool, settings in commands:

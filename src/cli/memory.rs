@@ -57,6 +57,39 @@ pub(super) fn keep_buffers() {
     set(TRIM_THRESHOLD, i32::MAX);
 }
 
+/// As [`keep_buffers`], and asks the system to put the first 64 MiB of the pool into pages of 2 MiB where it has
+/// them: maps are read once into memory that is new, and a fault for each 4 KiB costs a fifteenth of the time of
+/// fusing. What is not used is address space alone.
+pub(super) fn keep_buffers_in_large_pages() {
+    keep_buffers();
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        /// `M_TOP_PAD`.
+        const TOP_PAD: i32 = -2;
+        const IN_LARGE_PAGES: i32 = 1 << 26;
+        /// A multiple of every size of pages.
+        const PAGE: usize = 1 << 16;
+        /// `MADV_HUGEPAGE` of `sys/mman.h`.
+        const HUGE: i32 = 14;
+        unsafe extern "C" {
+            fn madvise(at: *mut std::ffi::c_void, size: usize, advice: i32) -> i32;
+        }
+        set(TOP_PAD, IN_LARGE_PAGES);
+        // More than is free at the pool's end: it grows by this and what was asked for above.
+        let mut end = Vec::<u8>::new();
+        let grown = end.try_reserve_exact(1 << 20);
+        // What glibc has without being told.
+        set(TOP_PAD, 1 << 17);
+        if grown.is_err() {
+            return;
+        }
+        let first = end.as_ptr().addr().next_multiple_of(PAGE);
+        let size = IN_LARGE_PAGES as usize / PAGE * PAGE;
+        // SAFETY: changes no byte, whatever lies there.
+        unsafe { madvise(std::ptr::with_exposed_provenance_mut(first), size, HUGE) };
+    }
+}
+
 #[cfg(all(
     target_os = "linux",
     target_env = "gnu",

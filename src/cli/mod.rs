@@ -89,6 +89,9 @@ impl Command {
         match (self, replayed.as_deref()) {
             (Self::Score(_), _) | (_, Some("score")) => memory::reuse_large_buffers(),
             (Self::Generate(_), _) | (_, Some("generate")) => memory::keep_buffers(),
+            (Self::Fuse(_), _) | (_, Some("fuse" | "sweep")) => {
+                memory::keep_buffers_in_large_pages();
+            }
             _ => {}
         }
     }

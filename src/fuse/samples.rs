@@ -351,6 +351,9 @@ pub(super) fn prepare(
         counts.empty -= from.len() as u64;
         widen(&mut extents[row], first, from.len());
         runs.push((row, first, from.len()));
+        if found.capacity() == 0 {
+            found.reserve_exact(width * height); // by now the file is known to be as long
+        }
         if filter.passes_all() {
             counts.empty += convert(unit, from, &mut found);
             return;
