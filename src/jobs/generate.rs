@@ -107,7 +107,8 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     let run = Run::new("generate", job, &Inputs::list(&inputs, &[])?)?;
     let create = |(root, _): &(PathBuf, _)| {
-        OutDir::create_again(&root.join(&id), run.clone(), context.force)
+        let out = OutDir::create_again(&root.join(&id), run.clone(), context.force)?;
+        out.check_not_read("").map(|()| out)
     };
     let mut outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
     let source = Source {

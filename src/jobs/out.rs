@@ -139,14 +139,45 @@ impl OutDir {
         path
     }
 
-    /// Writes a file in the folder.
+    /// Refuses what the run reads at `name` in the folder, or below it: before others write there.
+    pub fn check_not_read(&self, name: impl AsRef<Path>) -> Result<()> {
+        let Ok(real) = self.path.canonicalize() else {
+            return Ok(());
+        };
+        let target = real.join(&name);
+        let is_replaced = |at: PathBuf| {
+            at.starts_with(&target) || (target.starts_with(&at) && !real.starts_with(&at))
+        };
+        let read_from = |input: &&String| {
+            let input = Path::new(input.as_str());
+            [input.canonicalize().ok(), real_path(input)]
+        };
+        let mut inputs = self.run.inputs.keys();
+        match inputs.find(|input| read_from(input).into_iter().flatten().any(is_replaced)) {
+            Some(input) => Err(is_in_the_way(input, &target)),
+            None => Ok(()),
+        }
+    }
+
+    /// Writes a file in the folder, unless it is read.
     pub fn write(
         &self,
         name: impl AsRef<Path>,
         write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
     ) -> Result<()> {
+        self.check_not_read(&name)?;
         files::write_atomically(&self.file(&name), write)?;
         self.asked().insert(name.as_ref().to_path_buf(), true);
+        Ok(())
+    }
+
+    /// Takes over the whole result in a folder of this one, which the run has made: its files are this run's.
+    pub fn adopt(&self, name: impl AsRef<Path>) -> Result<()> {
+        let name = name.as_ref();
+        let run = Run::read(&self.path.join(name).join(FINISHED))?;
+        let files = run.files.iter().map(|file| name.join(file));
+        let files = files.chain([name.join(FINISHED)]);
+        self.asked().extend(files.map(|file| (file, true)));
         Ok(())
     }
 
@@ -251,21 +282,22 @@ fn check_not_read(path: &Path, run: &Run) -> Result<()> {
     let files = files_of_result(path).into_iter();
     let files: Vec<PathBuf> = files.filter_map(|file| file.canonicalize().ok()).collect();
     let is_replaced = |input: &Path| files.iter().any(|file| file.starts_with(input));
-    let is_in_the_way =
+    let is_one =
         |input: PathBuf| input == real || (!real.starts_with(&input) && is_replaced(&input));
     let given = |input: &&String| Path::new(input.as_str()).canonicalize();
     let mut inputs = run.inputs.keys();
-    match inputs.find(|input| given(input).is_ok_and(is_in_the_way)) {
-        Some(input) => {
-            let problem = format!(
-                "expected another folder for the result than that of files that are read, found {}: give \
-                 another --out",
-                path.display()
-            );
-            Err(Error::invalid(input.clone(), problem))
-        }
+    match inputs.find(|input| given(input).is_ok_and(is_one)) {
+        Some(input) => Err(is_in_the_way(input, path)),
         None => Ok(()),
     }
+}
+
+fn is_in_the_way(input: &str, result: &Path) -> Error {
+    let problem = format!(
+        "expected another folder for the result than that of files that are read, found {}: give another --out",
+        result.display()
+    );
+    Error::invalid(input, problem)
 }
 
 /// No file that is read is replaced by a result.

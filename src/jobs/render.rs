@@ -90,6 +90,16 @@ pub struct RenderedView {
 /// Views that one warning names.
 const NAMED: usize = 20;
 
+/// All folders that some run writes.
+const FOLDERS: [&str; 6] = [
+    "depth",
+    "color",
+    "cams",
+    "normals",
+    "interpolated_normals",
+    "sight",
+];
+
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let mesh: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
@@ -117,6 +127,9 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
         Run::new("render", job, &OutDir::inputs(&job.out, &inputs)?)?,
         context.force,
     )?;
+    FOLDERS
+        .iter()
+        .try_for_each(|name| out.check_not_read(name))?;
     let bent = cameras::lens_count(&scene);
     if bent > 0 {
         let message = format!(

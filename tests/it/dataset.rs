@@ -220,6 +220,26 @@ fn what_a_scene_follows_from_is_what_was_read_and_nothing_beside_it() {
 }
 
 #[test]
+fn a_set_is_not_made_of_its_own_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let extras = ["--name", "own", "--extras", "input-images"];
+    succeed(folder.path(), &extras);
+    let scene = scene_of(&folder.path().join("dataset"));
+    for photographs in ["input_images", "blended_images"] {
+        let photographs = scene.path().join(photographs);
+        let before = files_in(&photographs);
+        assert!(!before.is_empty());
+        let own = [&extras[..], &["--photos", text(&photographs), "--force"]].concat();
+        let output = generate(folder.path(), &own);
+        assert_eq!(output.status.code(), Some(2));
+        let said = stderr(&output);
+        assert!(said.contains("give another --out"), "{said}");
+        assert!(files_in(&photographs) == before);
+    }
+    assert!(scene.path().join("run.toml").exists());
+}
+
+#[test]
 fn bare_options_may_have_a_table_of_that_name() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("options.toml");

@@ -56,6 +56,45 @@ fn a_run_that_failed_before_its_first_file_is_in_nobodys_way() {
     assert!(out.is_marked(UNFINISHED));
 }
 
+/// By whatever name; what lies beside it is nobody's concern.
+#[test]
+fn what_is_read_is_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::create_dir_all(path("out/maps")).unwrap();
+    for name in ["out/a.csv", "out/maps/0.pfm", "elsewhere"] {
+        files::write_atomically(&path(name), |out| out.write_all(b"mine")).unwrap();
+    }
+    std::os::unix::fs::symlink(path("out/a.csv"), path("link.csv")).unwrap();
+    std::os::unix::fs::symlink(path("elsewhere"), path("out/b.csv")).unwrap();
+    let write = |input: &str, name: &str| {
+        let input = path(input);
+        let inputs = Inputs::list(&[&input], &[]).unwrap();
+        let run = Run::new("render", &RenderJob::default(), &inputs).unwrap();
+        OutDir::create(&path("out"), run, true)?.write(name, |out| out.write_all(b"new"))
+    };
+    for (input, name) in [
+        ("out/a.csv", "a.csv"),
+        ("link.csv", "a.csv"),
+        ("out/b.csv", "b.csv"),
+        ("out/maps", "maps/0.pfm"),
+        ("out/maps", "maps/1.pfm"),
+        ("out/maps/0.pfm", "maps/0.pfm"),
+    ] {
+        let error = write(input, name).unwrap_err().to_string();
+        assert!(
+            error.contains(input) && error.contains("another --out"),
+            "{error}"
+        );
+    }
+    for name in ["out/a.csv", "out/maps/0.pfm", "elsewhere"] {
+        assert_eq!(fs::read(path(name)).unwrap(), b"mine");
+    }
+    assert!(!path("out/maps/1.pfm").exists());
+    write("out/a.csv", "c.csv").unwrap();
+    write("elsewhere", "a.csv").unwrap();
+}
+
 #[test]
 fn force_takes_any_folder() {
     let folder = tempfile::tempdir().unwrap();

@@ -349,3 +349,20 @@ fn a_path_that_is_no_utf_8_is_named() {
         "{said}"
     );
 }
+
+/// `cams/` is written beside the maps.
+#[test]
+fn rendering_does_not_write_over_its_cams() {
+    let scene = small_scene();
+    let path = |name: &str| scene.path().join(name);
+    let (mesh, cams) = (path("mesh.obj"), path("cams"));
+    let arguments = render_arguments(&mesh, &cams, scene.path());
+    let arguments = [&arguments[..], &["--force"]].concat();
+    assert_refused(
+        &arguments,
+        &["cams: expected another folder", "another --out"],
+    );
+    let cam = std::fs::read_to_string(path("cams/00000000_cam.txt")).unwrap();
+    assert_eq!(cam, CAM);
+    assert!(!path("depth").exists());
+}
