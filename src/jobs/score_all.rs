@@ -75,7 +75,7 @@ struct Files {
 /// folder `<Scene>` with the model, or `<Scene>.txt`.
 ///
 /// Results go to `OUT/<scene>/<method>/`, all rows to `OUT/scores.csv`; a failure is a row that says
-/// why. An error where nothing is found to score.
+/// why. Of a batch that is replaced, the results of what failed or is gone are removed. An error where nothing is found to score.
 pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     check_options(job)?;
     let root = job.all.as_deref().unwrap_or(Path::new("."));
@@ -87,7 +87,7 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
         Run::new("score", job, &OutDir::inputs(&job.out, &inputs)?)?,
         context.force,
     )?;
-    // What lies in a fresh folder was made by this batch.
+    // What lies in the folder was made by this batch, or by the one before it that it replaces.
     let inner = Context {
         force: true,
         ..*context
@@ -190,6 +190,9 @@ fn score_task(
         ..*context
     };
     let scored = score::run(&job, &inner);
+    if scored.is_ok() {
+        out.adopt(&name)?;
+    }
     for warning in warnings.sorted() {
         let message = format!("{name}: {}", warning.message);
         context.warnings.add(&warning.code, message);

@@ -7,6 +7,7 @@ use crate::support::{mvs_eval, stderr, text};
 use assert_cmd::Command;
 use glam::DVec3;
 use mvs_eval::report::record;
+use std::fs;
 
 #[test]
 fn a_batch_goes_on_after_failures_and_says_why() {
@@ -77,6 +78,36 @@ fn a_batch_goes_on_after_failures_and_says_why() {
     let warned = "warning [non-finite-points]: Synth/d_by_transform: ";
     assert!(said.contains(warned), "{said}");
     assert!(fixture.path("results/Synth/a_good/score.json").is_file());
+}
+
+#[test]
+fn a_batch_that_is_replaced_leaves_no_result_of_what_failed_or_is_gone() {
+    let fixture = Fixture::new(3000);
+    for method in ["breaks", "goes", "stays"] {
+        let cloud = format!("Synth/{method}/cloud.ply");
+        fixture.put_cloud(&cloud, bumpy_reconstruction(3000));
+        fixture.put_log(&format!("Synth/{method}/cams.log"), &given_poses());
+    }
+    let out = fixture.path("results");
+    let root = fixture.folder.path();
+    let score = || {
+        let arguments = ["score", "--all", text(root), "--out", text(&out), "--force"];
+        let more = ["--tau", "0.05", "--one-profile", "--quiet"];
+        mvs_eval(&[&arguments[..], &more].concat())
+    };
+    let there = |method: &str| out.join("Synth").join(method).exists();
+    let first = score();
+    assert_eq!(first.status.code(), Some(0), "{}", stderr(&first));
+    assert!(["breaks", "goes", "stays"].into_iter().all(there));
+    fixture.put_text("results/Synth/goes/mine.txt", "mine");
+    fs::remove_dir_all(fixture.path("Synth/goes")).unwrap();
+    fixture.put_text("Synth/breaks/cloud.ply", "not a ply");
+    let second = score();
+    assert_eq!(second.status.code(), Some(1), "{}", stderr(&second));
+    assert!(!there("breaks") && out.join("Synth/stays/score.json").is_file());
+    let left = fs::read_dir(out.join("Synth/goes")).unwrap();
+    let left: Vec<_> = left.map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["mine.txt"]);
 }
 
 #[test]
