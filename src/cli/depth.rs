@@ -11,7 +11,8 @@ use std::path::PathBuf;
 /// Errors in depth intervals (EPE, above 1, above 3; an error of exactly the limit counted as good
 /// and as bad), absolute and relative, inliers at 1.03, density, and the area under the
 /// sparsification error where there is confidence; per view and for the scene. Views without a depth
-/// map count as density 0, make the means partial and the exit code 1.
+/// map, or whose map has no depth where the truth counts, count as density 0, make the means partial and
+/// the exit code 1.
 ///
 /// Example: mvs-eval depth --truth scene --estimates estimates --out depth
 #[derive(Debug, Args, Serialize)]
@@ -55,7 +56,11 @@ pub(crate) fn execute(job: &DepthJob, global: &Global) -> anyhow::Result<Verdict
             table.add_row(std::iter::once(name).chain(scores.values().map(text)));
         };
         for row in &outcome.views {
-            let mark = if row.missing { " (missing)" } else { "" };
+            let mark = match (row.missing, row.is_empty()) {
+                (true, _) => " (missing)",
+                (_, true) => " (empty)",
+                _ => "",
+            };
             add(format!("{}{mark}", row.view), &row.scores);
         }
         let scene = &outcome.scene;

@@ -65,9 +65,11 @@ pub struct DepthOutcome {
     pub views: Vec<DepthRow>,
     /// Ids of the views without an estimate.
     pub missing: Vec<u32>,
+    /// Ids of the views whose estimate has no depth where the truth counts.
+    pub empty: Vec<u32>,
 }
 
-/// So many ids of missing views are named in a warning.
+/// So many ids of views are named in a warning.
 const NAMED: usize = 8;
 /// Errors of this many intervals and more have the darkest colour in a map.
 const DARKEST: f64 = 3.0;
@@ -94,9 +96,12 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
         let problem = format!("expected depth maps named like {name}, found none");
         return Err(Error::invalid(job.estimates.display().to_string(), problem));
     }
-    if let Some(warning) = warning_of(&missing, all.len()) {
-        context.warnings.add(&warning.code, warning.message);
-    }
+    let warn = |(code, problem): (&str, &str), views: &[u32]| {
+        if let Some(warning) = warning_of((code, problem), views, all.len()) {
+            context.warnings.add(&warning.code, warning.message);
+        }
+    };
+    warn(("missing-depth", "have no depth map"), &missing);
     let out = job.out.as_deref();
     let out = out.map(|path| create(job, path, context)).transpose()?;
     context.progress.begin("comparing", all.len() as u64);
@@ -109,12 +114,17 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
         context.progress.advance(1);
         Ok(row)
     })?;
+    let empty = views.iter().filter(|row| row.is_empty());
+    let empty: Vec<u32> = empty.map(|row| row.view).collect();
+    let problem = "have a depth map without a depth where the truth counts";
+    warn(("empty-depth", problem), &empty);
     let outcome = DepthOutcome {
         alignment: job.alignment,
         planes: job.planes,
         scene: score_scene(&views),
         views,
         missing,
+        empty,
     };
     if let Some(out) = out {
         out.write_json("depth.json", &outcome)?;
@@ -124,20 +134,19 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
     Ok(outcome)
 }
 
-/// Says which views have no depth map.
-fn warning_of(missing: &[u32], views: usize) -> Option<Warning> {
-    let named: Vec<String> = missing.iter().take(NAMED).map(u32::to_string).collect();
-    let rest = match missing.len() - named.len() {
+/// Says which views give no errors, and why.
+fn warning_of((code, problem): (&str, &str), found: &[u32], views: usize) -> Option<Warning> {
+    let named: Vec<String> = found.iter().take(NAMED).map(u32::to_string).collect();
+    let rest = match found.len() - named.len() {
         0 => String::new(),
         rest => format!(" and {rest} more"),
     };
     let message = format!(
-        "{} of {views} views have no depth map: {}{rest}; they count as density 0, errors are means \
-         over the others only",
-        missing.len(),
+        "{} of {views} views {problem}: {}{rest}; they count as density 0, errors are means over the others only",
+        found.len(),
         named.join(", ")
     );
-    (!missing.is_empty()).then(|| Warning::new("missing-depth", message))
+    (!found.is_empty()).then(|| Warning::new(code, message))
 }
 
 fn create(job: &DepthJob, path: &Path, context: &Context<'_>) -> Result<OutDir> {
@@ -284,7 +293,15 @@ fn picture(truth: &Raster<f32>, planes: &DepthPlanes, errors: &DepthErrors) -> R
     Ok(picture)
 }
 
-/// One line per view, then the two means, which are named partial where views are missing.
+fn status_of(row: &DepthRow) -> &'static str {
+    match (row.missing, row.is_empty()) {
+        (true, _) => "missing",
+        (_, true) => "empty",
+        _ => "compared",
+    }
+}
+
+/// One line per view, then the two means, which are named partial where views are missing or empty.
 fn write_csv(out: &mut impl Write, outcome: &DepthOutcome) -> std::io::Result<()> {
     let names = DepthScores::NAMES.join(",");
     writeln!(
@@ -306,7 +323,7 @@ fn write_csv(out: &mut impl Write, outcome: &DepthOutcome) -> std::io::Result<()
             fit.offset,
             row.counted,
             row.compared,
-            if row.missing { "missing" } else { "compared" }
+            status_of(row)
         )?;
     }
     let scene = &outcome.scene;

@@ -121,6 +121,13 @@ impl DepthScores {
     }
 }
 
+impl DepthRow {
+    /// Whether there is a depth map without a depth where the truth counts: it says as little as none.
+    pub fn is_empty(&self) -> bool {
+        !self.missing && self.counted > 0 && self.compared == 0
+    }
+}
+
 /// Scores one view, and gives the errors for a picture.
 ///
 /// # Errors
@@ -187,7 +194,7 @@ pub fn score_scene(rows: &[DepthRow]) -> DepthScene {
         _ => row.compared as f64,
     };
     DepthScene {
-        partial: rows.iter().any(|row| row.missing),
+        partial: rows.iter().any(|row| row.missing || row.is_empty()),
         mean_over_views: weighted(rows, |_, _| 1.0),
         mean_over_pixels: weighted(rows, over_pixels),
     }

@@ -139,7 +139,7 @@ fn values_are_those_computed_by_hand() {
 }
 
 #[test]
-fn leaving_a_view_out_is_said_and_cannot_raise_density() {
+fn leaving_a_view_out_or_empty_is_said_and_cannot_raise_density() {
     let folder = scene();
     let estimates = folder.path().join("estimates");
     let missing = run(&arguments(folder.path(), &[]));
@@ -150,19 +150,28 @@ fn leaving_a_view_out_is_said_and_cannot_raise_density() {
     );
     put(&estimates, 5, (4, 2), &[0.0; 8]);
     let output = run(&arguments(folder.path(), &[]));
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stderr(&output)
+            .contains("1 of 3 views have a depth map without a depth where the truth counts: 5;"),
+        "{}",
+        stderr(&output)
+    );
     let parse = |output: &std::process::Output| -> serde_json::Value {
         serde_json::from_slice(&output.stdout).unwrap()
     };
-    let (complete, missing) = (parse(&output), parse(&missing));
-    assert_eq!(complete["missing"], serde_json::json!([]));
-    assert_eq!(complete["scene"]["partial"], false);
+    let (empty, missing) = (parse(&output), parse(&missing));
+    assert_eq!(empty["missing"], serde_json::json!([]));
+    assert_eq!(empty["empty"], serde_json::json!([5]));
     // No map and a map without a depth say the same.
-    for mean in ["mean_over_views", "mean_over_pixels"] {
-        assert_eq!(complete["scene"][mean], missing["scene"][mean]);
-    }
+    assert_eq!(empty["scene"], missing["scene"]);
+    assert_eq!(empty["scene"]["partial"], true);
     let out = folder.path().join("out");
-    let output = run(&arguments(folder.path(), &["--out", text(&out)]));
+    run(&arguments(folder.path(), &["--out", text(&out)]));
+    let csv = fs::read_to_string(out.join("depth.csv")).unwrap();
+    assert!(csv.contains(",empty\npartial_mean_over_views,"), "{csv}");
+    put(&estimates, 5, (4, 2), &[3.0; 8]);
+    let output = run(&arguments(folder.path(), &["--out", text(&out), "--force"]));
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let csv = fs::read_to_string(out.join("depth.csv")).unwrap();
     assert!(csv.contains("\nmean_over_views,") && csv.ends_with(",complete\n"));
