@@ -93,6 +93,14 @@ fn maps(job: &TradeoffJob, scratch: &Path, by: u32) -> Result<(PathBuf, Vec<Path
     Ok((small, folders.collect::<Result<_>>()?))
 }
 
+/// Says at which setting fusing failed, as where no point is left.
+fn of_setting((knob, name): (&str, &str), error: Error) -> Error {
+    match error {
+        Error::Interrupted => error,
+        error => Error::invalid(format!("fusing with {knob} {name}"), error.to_string()),
+    }
+}
+
 /// Fuses at every setting; F against the job's `fuse_truth`, or against the exact setting's cloud.
 pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     let (Some(scene), Some(_)) = (&job.scene, &job.depths) else {
@@ -125,7 +133,8 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
             },
             ..FuseJob::default()
         };
-        let (_, cost) = clock::measure(job.repeats, || fuse::run(&fuse_job, context))?;
+        let (_, cost) = clock::measure(job.repeats, || fuse::run(&fuse_job, context))
+            .map_err(|error| of_setting((setting.knob, &setting.name), error))?;
         let cloud = files::read_cloud(&fuse_job.out)?.into_positions();
         let truth = truth.get_or_insert_with(|| cloud.clone());
         let (to_truth, to_cloud) = distance::both_ways(&cloud, truth)

@@ -4,7 +4,7 @@
 use super::TradeoffJob;
 use super::clock;
 use super::rows::{Measured, Row, rows};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::jobs::Context;
 use crate::score::plain::{self, Preparation};
 use crate::score::points::{FinitePoints, prism};
@@ -101,6 +101,10 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         tolerance: Tolerance::new(job.tau)?,
     };
     for (points, path) in [(&pair.truth, truth), (&pair.reconstruction, reconstruction)] {
+        if points.non_finite() == points.input() {
+            let problem = format!("expected finite points, found none of {}", points.input());
+            return Err(Error::invalid(path.display().to_string(), problem));
+        }
         if points.non_finite() > 0 {
             let (dropped, all, path) = (points.non_finite(), points.input(), path.display());
             let message =
@@ -208,21 +212,27 @@ fn mixed(value: u64) -> u64 {
 
 /// Half of the 95 % interval of the F-score that all queries would give, from a sample drawn without
 /// replacement: binomial variances with the finite-population factor, carried through
-/// F = 2PR / (P + R) to first order.
+/// F = 2PR / (P + R) to first order. Shares are drawn towards a half as by Agresti and Coull (1998), so that
+/// a sample of one kind only is not taken for sure; where none was drawn nothing is known.
 fn half_width(score: &Score, totals: (usize, usize)) -> f64 {
+    let (reconstruction, truth) = (score.reconstruction(), score.truth());
+    if reconstruction.total().min(truth.total()) == 0 {
+        return 1.0;
+    }
     #[allow(
         clippy::cast_precision_loss,
         reason = "point counts are far below 2^53"
     )]
-    let variance = |share: f64, drawn: usize, total: usize| {
+    let share_and_variance = |share: f64, drawn: usize, total: usize| {
         let (drawn, total) = (drawn as f64, total as f64);
-        share * (1.0 - share) / drawn.max(1.0) * (1.0 - drawn / total.max(1.0)).max(0.0)
+        let trials = drawn + Z95 * Z95;
+        let share = (share * drawn + 0.5 * Z95 * Z95) / trials;
+        let of_all = (1.0 - drawn / total).max(0.0);
+        (share, share * (1.0 - share) / trials * of_all)
     };
-    let (p, r) = (score.precision(), score.recall());
-    let along_p = variance(p, score.reconstruction().total(), totals.0);
-    let along_r = variance(r, score.truth().total(), totals.1);
-    let sum = (p + r).max(f64::MIN_POSITIVE);
-    let (by_p, by_r) = (2.0 * (r / sum).powi(2), 2.0 * (p / sum).powi(2));
+    let (p, along_p) = share_and_variance(score.precision(), reconstruction.total(), totals.0);
+    let (r, along_r) = share_and_variance(score.recall(), truth.total(), totals.1);
+    let (by_p, by_r) = (2.0 * (r / (p + r)).powi(2), 2.0 * (p / (p + r)).powi(2));
     Z95 * (by_p * by_p * along_p + by_r * by_r * along_r).sqrt()
 }
 
@@ -232,10 +242,15 @@ mod tests {
 
     /// Points on a plane, and others above it whose height is below 1 at about seven in ten.
     fn pair() -> Pair {
+        pair_of(20_000, |i| (mixed(i ^ 77) % 1000) as f64 / 700.0)
+    }
+
+    /// Points on a plane, and as many above it.
+    fn pair_of(count: u64, height: impl Fn(u64) -> f64) -> Pair {
         let at = |i: u64| DVec3::new((i % 200) as f64, (i / 200) as f64, 0.0);
-        let height = |i: u64| DVec3::Z * (mixed(i ^ 77) % 1000) as f64 / 700.0;
-        let truth = (0..20_000).map(at).collect();
-        let reconstruction = (0..20_000).map(|i| at(i) + height(i)).collect();
+        let truth = (0..count).map(at).collect();
+        let above = (0..count).map(|i| at(i) + DVec3::Z * height(i));
+        let reconstruction = above.collect();
         Pair {
             truth: FinitePoints::new(truth),
             reconstruction: FinitePoints::new(reconstruction),
@@ -277,5 +292,26 @@ mod tests {
         }
         // 95 % of 200 is 190 with a standard deviation of 3.1.
         assert!((178..=199).contains(&inside), "{inside} of 200");
+    }
+
+    /// Two points in a thousand are outliers: one draw in two has none of them.
+    #[test]
+    fn a_sample_of_one_kind_is_not_taken_for_sure() {
+        let pair = pair_of(20_000, |i| f64::from(u8::from(i % 500 == 0)));
+        let exact = pair.score(&plain(EXACT), 0).unwrap().0.f_score();
+        let thinned = plain(Setting { every: 64, ..EXACT });
+        let (mut inside, mut of_one_kind) = (0, 0);
+        for seed in 0..200 {
+            let (score, width) = pair.score(&thinned, seed).unwrap();
+            inside += u32::from((score.f_score() - exact).abs() <= width.unwrap());
+            of_one_kind += u32::from(score.f_score() == 1.0);
+        }
+        assert!(
+            of_one_kind > 20 && inside >= 185,
+            "{inside} of 200, {of_one_kind}"
+        );
+        let few = pair_of(4, |_| 0.0);
+        let (score, width) = few.score(&thinned, 0).unwrap();
+        assert_eq!((score.truth().total(), width), (0, Some(1.0)));
     }
 }
