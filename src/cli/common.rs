@@ -77,12 +77,14 @@ pub(crate) fn resolve<T: DeserializeOwned>(
     flags: &impl Serialize,
     global: &Global,
 ) -> anyhow::Result<T> {
-    let mut layers = Vec::new();
-    if let Some(path) = &global.config {
-        layers.push(config::read_layer(path, command)?);
-    }
-    layers.push(config::layer_of(flags)?);
-    Ok(config::resolve(layers)?)
+    let flags = config::layer_of(flags)?;
+    let mut file = match &global.config {
+        Some(path) => config::read_layer_of::<T>(path, command)?,
+        None => toml::Table::new(),
+    };
+    // Two ways to say how wide the blend's filter is.
+    config::give_way(&mut file, "sigma", (&flags, "d0"));
+    Ok(config::resolve([file, flags])?)
 }
 
 /// What an interrupted run leaves.

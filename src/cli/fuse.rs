@@ -2,7 +2,7 @@ use super::common::{Centre, Global, Verdict, with_context};
 use super::output::{self, answer, pairs, table};
 use clap::Args;
 use mvs_eval::config::{self, Size};
-use mvs_eval::fuse::presets;
+use mvs_eval::fuse::{FuseOptions, presets};
 use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
 use mvs_eval::jobs::fuse::{self, FuseJob};
 use serde::Serialize;
@@ -205,19 +205,20 @@ pub(crate) fn execute_sweep(job: &SweepJob, global: &Global) -> anyhow::Result<V
 /// The mode's options, overridden by the preset's, the file's, the flags'.
 fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
     let flags = config::layer_of(args)?;
-    let file = match &global.config {
-        Some(path) => config::read_layer(path, "fuse")?,
+    let mut file = match &global.config {
+        Some(path) => config::read_layer_of::<FuseJob>(path, "fuse")?,
         None => toml::Table::new(),
     };
+    if mode_of(&flags).is_some_and(|mode| Some(mode) != mode_of(&file)) {
+        leave_mode_out(&mut file)?;
+    }
     let preset = match &args.preset {
         Some(name) => preset_layer(name, &scene_name(args, &file))?,
         None => toml::Table::new(),
     };
-    let said = [&flags, &file].into_iter().find_map(|layer| {
-        let mode = layer.get("fuse")?.get("mode")?;
-        mode.as_str().map(str::to_owned)
-    });
-    let mode = presets::mode_layer(said.as_deref().unwrap_or("hkust"))?;
+    say_what_hides(&preset, &file, &flags);
+    let said = [&flags, &file].into_iter().find_map(mode_of);
+    let mode = presets::mode_layer(said.unwrap_or("hkust"))?;
     let given = given(&args.fuse);
     let fuse = |options| toml::Table::from_iter([("fuse".to_owned(), toml::Value::Table(options))]);
     let job: FuseJob = config::resolve([fuse(mode), fuse(preset), file, flags])?;
@@ -226,6 +227,38 @@ fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
         memory: args.memory,
         ..job
     })
+}
+
+fn mode_of(layer: &toml::Table) -> Option<&str> {
+    layer.get("fuse")?.get("mode")?.as_str()
+}
+
+/// Leaves out what a layer says only because of its mode, as a `run.toml` says everything.
+fn leave_mode_out(layer: &mut toml::Table) -> anyhow::Result<()> {
+    if let Some(toml::Value::Table(options)) = layer.get_mut("fuse")
+        && let Some(mode) = options.get("mode")
+    {
+        let of_mode = toml::Table::try_from(FuseOptions::of(mode.clone().try_into()?))?;
+        options.retain(|option, value| of_mode.get(option) != Some(value));
+    }
+    Ok(())
+}
+
+/// Names the options of a preset that the file overrides: a `run.toml` says all of them.
+fn say_what_hides(preset: &toml::Table, file: &toml::Table, flags: &toml::Table) {
+    let of = |layer: &toml::Table, option: &str| layer.get("fuse")?.get(option).cloned();
+    let hidden = preset.iter().filter(|(option, value)| {
+        let of_file = of(file, option);
+        of(flags, option).is_none() && of_file.is_some_and(|of_file| of_file != **value)
+    });
+    let hidden: Vec<&str> = hidden.map(|(option, _)| option.as_str()).collect();
+    if !hidden.is_empty() {
+        output::say(&format!(
+            "warning [preset]: the file of --config, which counts, says something else than the preset for {}: \
+             give them as flags, or leave one of the two out",
+            hidden.join(", ")
+        ));
+    }
 }
 
 /// The procedure's options that were given as flags.

@@ -20,6 +20,9 @@ pub(crate) struct ReplayArgs {
     /// Where to write instead of the first place
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
+    /// Where to write the filtered depth maps of a run of `fuse` instead of the first place
+    #[arg(long, value_name = "DIR")]
+    filtered_depths: Option<PathBuf>,
 }
 
 impl ReplayArgs {
@@ -36,9 +39,21 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
             "warning [input-changed]: {path} is not what it was in the first run"
         ));
     }
+    let asked = run.options.contains_key("filtered_depths");
+    if asked && args.out.is_some() != args.filtered_depths.is_some() {
+        anyhow::bail!(
+            "{}: expected --out and --filtered-depths, as the run wrote to both, found one of them",
+            args.run.display()
+        );
+    }
     let mut over = Table::new();
-    if let Some(out) = &args.out {
-        over.insert("out".into(), Value::String(out.display().to_string()));
+    for (option, path) in [
+        ("out", &args.out),
+        ("filtered_depths", &args.filtered_depths),
+    ] {
+        if let Some(path) = path {
+            over.insert(option.into(), Value::String(path.display().to_string()));
+        }
     }
     let layers = [run.options.clone(), over];
     match run.command.as_str() {

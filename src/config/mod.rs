@@ -29,9 +29,22 @@ pub fn layer_of(flags: &impl Serialize) -> Result<Table> {
     Table::try_from(flags).map_err(|error| Error::invalid("options", error.to_string()))
 }
 
-/// The layer in a file: the options of a `run.toml` of the same command (which says `command`), or
-/// bare options.
-pub fn read_layer(path: &Path, command: &str) -> Result<Table> {
+/// The layer in a file: the options `T` of a `run.toml` of the same command, or bare options.
+///
+/// # Errors
+/// Names the file that cannot be read, is another command's, or has keys or values that `T` has not.
+pub fn read_layer_of<T: DeserializeOwned>(path: &Path, command: &str) -> Result<Table> {
+    let layer = read_layer(path, command)?;
+    match layer.clone().try_into::<T>() {
+        Ok(_) => Ok(layer),
+        Err(error) => {
+            let problem = error.to_string().trim().replace('\n', " ");
+            Err(Error::invalid(path.display().to_string(), problem))
+        }
+    }
+}
+
+fn read_layer(path: &Path, command: &str) -> Result<Table> {
     let text = files::read_text(path)?;
     let table: Table = toml::from_str(&text).map_err(|error| {
         let problem = error.to_string().trim().replace('\n', " ");
@@ -49,6 +62,18 @@ pub fn read_layer(path: &Path, command: &str) -> Result<Table> {
         return Err(Error::invalid(path.display().to_string(), problem));
     }
     Ok(run.options)
+}
+
+/// Removes `name` from the tables of `layer` in which `flags` has the value that stands in for it.
+pub fn give_way(layer: &mut Table, name: &str, (flags, instead): (&Table, &str)) {
+    if flags.contains_key(instead) {
+        layer.remove(name);
+    }
+    for (key, value) in layer {
+        if let (Value::Table(below), Some(Value::Table(above))) = (value, flags.get(key)) {
+            give_way(below, name, (above, instead));
+        }
+    }
 }
 
 /// Overrides `base` with `over`, table by table.
@@ -115,5 +140,20 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("unknown field `c`"), "{error}");
+    }
+
+    #[test]
+    fn two_ways_to_say_one_thing_do_not_meet() {
+        let table = |text: &str| text.parse::<Table>().unwrap();
+        let file = table("sigma = 1.0\n[options.blend]\nsigma = 3.0\nmode = \"composite\"\n");
+        let after = |flags: &str| {
+            let mut file = file.clone();
+            give_way(&mut file, "sigma", (&table(flags), "d0"));
+            file
+        };
+        assert_eq!(after("options.blend.mode = \"reference\""), file);
+        let without = table("sigma = 1.0\n[options.blend]\nmode = \"composite\"\n");
+        assert_eq!(after("options.blend.d0 = 100.0"), without);
+        assert_eq!(after("d0 = 100.0").get("sigma"), None);
     }
 }

@@ -165,7 +165,7 @@ fn flags_override_the_configuration_file() {
     );
 
     write(&config, "smaples = 1\n");
-    assert_refused(&arguments, &["unknown field", "smaples"]);
+    assert_refused(&arguments, &["options.toml: ", "unknown field", "smaples"]);
 }
 
 fn points_as_ply(points: &[&str]) -> String {

@@ -1,0 +1,80 @@
+//! Flags beside a configuration file, and replays.
+
+use super::*;
+use crate::support::{mvs_eval, stderr, text};
+
+/// What `fuse` writes with these arguments.
+fn cloud(job: &FuseJob, more: &[&str]) -> (Vec<u8>, String) {
+    let mut arguments = vec!["fuse", text(&job.scene), "--depths", text(&job.depths)];
+    arguments.extend(["--out", text(&job.out), "--force"]);
+    arguments.extend(more);
+    let output = mvs_eval(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    (std::fs::read(&job.out).unwrap(), stderr(&output))
+}
+
+/// A run's `run.toml` says every option, also those that are only its mode's.
+#[test]
+fn a_mode_given_as_a_flag_is_the_whole_mode() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    cloud(&job, &["--min-sources", "2"]);
+    let of_hkust = folder.path().join("hkust.toml");
+    std::fs::rename(folder.path().join("cloud.run.toml"), &of_hkust).unwrap();
+    let beside = ["--config", text(&of_hkust)];
+    let (of_file, _) = cloud(&job, &beside);
+    assert_eq!(of_file, cloud(&job, &["--min-sources", "2"]).0);
+    let (geo, _) = cloud(&job, &[&beside[..], &["--mode", "geo"]].concat());
+    let alone = ["--mode", "geo", "--min-sources", "2"];
+    assert_eq!(geo, cloud(&job, &alone).0);
+    assert_ne!(geo, of_file);
+    let hkust = [&beside[..], &["--mode", "hkust"]].concat();
+    assert_eq!(cloud(&job, &hkust).0, of_file);
+}
+
+/// The file counts; that it hides the preset is said.
+#[test]
+fn a_preset_beside_a_file_that_says_the_same_options_is_said_to_be_hidden() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let (first, _) = cloud(&job, &[]);
+    let run = folder.path().join("run.toml");
+    std::fs::rename(folder.path().join("cloud.run.toml"), &run).unwrap();
+    let both = ["--config", text(&run), "--preset", "tnt-intermediate"];
+    let (found, said) = cloud(&job, &both);
+    assert_eq!(found, first);
+    assert!(
+        said.contains("something else than the preset for min_confidence, min_sources: give"),
+        "{said}"
+    );
+    let more = [&both[..], &["--min-sources", "3", "--min-confidence", "0"]].concat();
+    assert!(!cloud(&job, &more).1.contains("something else"));
+}
+
+#[test]
+fn a_replay_elsewhere_asks_where_filtered_depths_go() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let path = |name: &str| folder.path().join(name);
+    let (first, _) = cloud(&job, &["--filtered-depths", text(&path("filtered"))]);
+    let run = path("cloud.run.toml");
+    let replay = |more: &[&str]| mvs_eval(&[&["replay", text(&run)], more].concat());
+    let elsewhere = ["--out", text(&path("again.ply"))].map(str::to_owned);
+    let elsewhere: Vec<&str> = elsewhere.iter().map(String::as_str).collect();
+    let refused = replay(&elsewhere);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        stderr(&refused).contains("--filtered-depths"),
+        "{}",
+        stderr(&refused)
+    );
+    let also = path("filtered again");
+    let made = replay(&[&elsewhere[..], &["--filtered-depths", text(&also)]].concat());
+    assert_eq!(made.status.code(), Some(0), "{}", stderr(&made));
+    assert_eq!(std::fs::read(path("again.ply")).unwrap(), first);
+    let maps = |folder: &Path| std::fs::read(folder.join("00000003.pfm")).unwrap();
+    assert_eq!(maps(&also), maps(&path("filtered")));
+}
