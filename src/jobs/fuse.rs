@@ -6,6 +6,7 @@ mod find;
 mod maps;
 mod output;
 pub mod sweep;
+mod units;
 mod workspace;
 
 use super::out::{check_no_input, remove_if_there, replaced, write_run_file};
@@ -289,7 +290,7 @@ fn fuse_into<W: Write + std::io::Seek>(
         outputs.take(&points)?;
         counts
     };
-    outputs.maps.warn_of_units(&counts)?;
+    outputs.maps.warn_of_units()?;
     if outputs.ply.count() == 0 {
         return Err(nothing(job, inputs.maps.count(), &counts));
     }

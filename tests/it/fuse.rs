@@ -1,6 +1,7 @@
 //! The file job on the synthetic scene: streaming, determinism, report, refusals.
 
 mod among;
+mod flags;
 mod places;
 mod real;
 
@@ -9,7 +10,7 @@ use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::workspace::StereoPass;
 use mvs_datasets::layout::{files, mvsnet};
-use mvs_datasets::scene::{ColorImage, DepthMap, Raster, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, Raster, View};
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
 use mvs_eval::fuse::{FuseMode, FuseOptions, Sampling, Visibility};
 use mvs_eval::jobs::Context;

@@ -5,6 +5,7 @@ use super::find::{camera_for, check_present, find_image, find_mask};
 use super::maps::{Encoding, Entry};
 use crate::config::Size;
 use crate::error::{Error, Result};
+use crate::generate;
 use crate::jobs::{Context, cameras};
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
@@ -81,6 +82,7 @@ fn entry(
     let size = files::read_with(&depth, pfm::read_size)?;
     let image = image_of(&job.scene, view.id);
     let camera = sizes.camera(job, (view, size), image.as_deref())?;
+    sizes.note_shape(view.id, (camera.width(), camera.height()), size);
     let position_of = |id: u32| present.binary_search(&scene.index_of(id)?).ok();
     let mut listed = BTreeSet::new();
     let sources = scene.sources_of(index).iter();
@@ -146,6 +148,9 @@ fn warn_of_repeats(scene: &Scene, context: &Context<'_>) {
 struct Sizes {
     /// Views whose size is no image's, and the first one's id, size and reason.
     assumed: Vec<(u32, Size, &'static str)>,
+    /// The view whose depth map is the first of another shape than its camera's image, and how many are.
+    reshaped: Option<(u32, Size, Size)>,
+    reshaped_count: usize,
     /// Cameras as taken, but for views where `--pixel-center` cannot be judged.
     half_pixel_off: usize,
 }
@@ -196,7 +201,25 @@ impl Sizes {
         Ok(camera)
     }
 
+    /// Maps may be scaled by two factors, but what is cut looks the same.
+    fn note_shape(&mut self, id: u32, camera: (u32, u32), depth: (u32, u32)) {
+        if !generate::same_shape(camera, depth) {
+            let of = |(width, height): (u32, u32)| Size { width, height };
+            self.reshaped.get_or_insert((id, of(camera), of(depth)));
+            self.reshaped_count += 1;
+        }
+    }
+
     fn warn(&self, views: usize, context: &Context<'_>) {
+        if let Some((id, camera, depth)) = self.reshaped {
+            let message = format!(
+                "the depth maps of {} views are of another shape than what their cams are for, view {id}'s has \
+                 {depth} pixels instead of {camera}, and are taken for scaled by two factors: if they are cut, \
+                 give cams of the cut images and --camera-size",
+                self.reshaped_count
+            );
+            context.warnings.add("depth-shape", message);
+        }
         if self.half_pixel_off == views {
             cameras::warn_of_integer_centres(context);
         }

@@ -9,6 +9,9 @@ use std::path::{Path, PathBuf};
 /// Folders in which images of a scene are looked for, relative to it.
 pub(super) const IMAGE_FOLDERS: [&str; 3] = ["blended_images", "images", "color"];
 
+/// What images of views end in, those of the data sets first.
+const SUFFIXES: [&str; 6] = [".jpg", ".png", ".jpeg", ".JPG", ".PNG", ".JPEG"];
+
 /// Checks that there are depth maps, and warns of views without one; `example` is one's path.
 pub(super) fn check_present(
     (present, all): (usize, usize),
@@ -47,7 +50,7 @@ pub(super) fn find_mask(folder: &Path, id: u32) -> Result<PathBuf> {
 
 /// The image of view `id`, if the scene has one.
 pub(in crate::jobs) fn find_image(scene: &Path, id: u32) -> Option<PathBuf> {
-    let names = [".jpg", ".png"].map(|suffix| mvsnet::file_name(id, suffix));
+    let names = SUFFIXES.map(|suffix| mvsnet::file_name(id, suffix));
     let folders = IMAGE_FOLDERS.iter().map(|folder| scene.join(folder));
     folders
         .flat_map(|folder| names.clone().map(|name| folder.join(name)))

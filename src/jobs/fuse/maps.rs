@@ -1,8 +1,9 @@
 //! A folder of depth maps, read one at a time.
 
+use super::units::{self, Units};
 use super::{FuseJob, cams, workspace};
 use crate::error::{Error, Result};
-use crate::fuse::{DepthMaps, FuseCounts, Scratch, put_parts, take_rows};
+use crate::fuse::{DepthMaps, Scratch, put_parts, take_rows};
 use crate::generate;
 use crate::jobs::Context;
 use crate::provenance::Inputs;
@@ -20,13 +21,7 @@ use mvs_datasets::scene::{
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-
-/// One in so many depths that became points is next to nothing.
-const FEW: u64 = 100;
-
-/// Depths beyond so many times their range are of other units.
-const FAR: f64 = 10.0;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The views of a scene that have a depth map.
 pub(super) struct FolderMaps<'a> {
@@ -36,6 +31,8 @@ pub(super) struct FolderMaps<'a> {
     warnings: &'a Warnings,
     /// Photographs that EXIF says are to be turned, with the orientation, as far as they have been read.
     turned: Mutex<BTreeMap<PathBuf, u8>>,
+    /// What the depths of the first view with a depth range look like, if they have been read.
+    units: Mutex<Units>,
     /// All that is read: the views' files are hashed as they are, all others before.
     pub(super) inputs: Inputs,
 }
@@ -85,6 +82,7 @@ impl<'a> FolderMaps<'a> {
             entries,
             warnings: context.warnings,
             turned: Mutex::default(),
+            units: Mutex::default(),
         };
         maps.hash_others()?;
         Ok(maps)
@@ -182,13 +180,21 @@ impl DepthMaps for FolderMaps<'_> {
         match self.entries[index].encoding {
             Encoding::Pfm => {
                 let mut all = RejectedDepths::default();
+                let mut units = Units::default();
+                let range = view.depth_range.filter(|_| self.judged() == Some(index));
                 let clean = |row, first, values: &mut [f32]| {
                     all.add(DepthMap::clean_values(values));
+                    if let Some(range) = range {
+                        units.add(range, values);
+                    }
                     take(row, first, values);
                 };
                 self.read_through(depth, |bytes, passed| {
                     pfm::gray_runs(bytes, size, clean, passed)
                 })?;
+                if range.is_some() {
+                    *self.units() = units;
+                }
                 self.warn_of(depth, all);
             }
             Encoding::Dense => take_rows(&self.depth(index)?, take),
@@ -372,39 +378,26 @@ impl FolderMaps<'_> {
         }
     }
 
-    /// Where next to nothing was fused: says so if the depths of the first view with a depth range lie
-    /// far outside of it, as those in other units do.
-    pub(super) fn warn_of_units(&self, counts: &FuseCounts) -> Result<()> {
-        if FEW * (counts.fused + counts.merged) > counts.pixels - counts.empty {
-            return Ok(());
-        }
+    /// The first view with a depth range.
+    fn judged(&self) -> Option<usize> {
         let has_range = |entry: &Entry| entry.view.depth_range.is_some();
-        let Some(index) = self.entries.iter().position(has_range) else {
+        self.entries.iter().position(has_range)
+    }
+
+    fn units(&self) -> MutexGuard<'_, Units> {
+        self.units.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Says so if the depths of the first view with a depth range lie far outside of it, as those in other
+    /// units do.
+    pub(super) fn warn_of_units(&self) -> Result<()> {
+        let Some(index) = self.judged().filter(|_| !self.units().are_usual()) else {
             return Ok(());
         };
         let view = &self.entries[index].view;
         let depth = self.depth(index)?;
-        let mut depths: Vec<f32> = depth
-            .raster()
-            .values()
-            .iter()
-            .copied()
-            .filter(|&z| z > 0.0)
-            .collect();
-        let (Some(range), false) = (view.depth_range, depths.is_empty()) else {
-            return Ok(());
-        };
-        let middle = depths.len() / 2;
-        let median = f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1);
-        if median * FAR < range.min() || median > range.max() * FAR {
-            let message = format!(
-                "next to nothing was fused, and the median depth of view {} is {median} where its cam.txt \
-                 states {} to {}: are the depth maps in the cameras' units?",
-                view.id,
-                range.min(),
-                range.max()
-            );
-            self.warnings.add("depth-units", message);
+        if let Some(problem) = units::problem(view, depth.values()) {
+            self.warnings.add("depth-units", problem);
         }
         Ok(())
     }

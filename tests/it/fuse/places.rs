@@ -365,6 +365,59 @@ fn depths_in_other_units_and_missing_pairs_are_said() {
     assert!(warned.contains(&"no-pairs".to_owned()), "{warned:?}");
 }
 
+/// However much is fused.
+#[test]
+fn ranges_in_other_units_are_said() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let usual = codes(&job).0.unwrap().points;
+    for view in scene.scene().views() {
+        let range = view.depth_range.unwrap();
+        let far = DepthRange::new(1000.0 * range.min(), 1000.0 * range.max()).unwrap();
+        let view = View {
+            depth_range: Some(far),
+            ..view.clone()
+        };
+        let name = mvsnet::file_name(view.id, "_cam.txt");
+        let path = folder.path().join("cams").join(name);
+        mvsnet::write_view(&path, &view, mvsnet::PixelCentre::Half).unwrap();
+    }
+    for mode in [FuseMode::Hkust, FuseMode::Geo, FuseMode::Cluster] {
+        job.fuse = FuseOptions::of(mode);
+        let (outcome, warned) = codes(&job);
+        let least = if mode == FuseMode::Cluster {
+            0
+        } else {
+            usual / 4
+        };
+        assert!(outcome.unwrap().points > least, "{mode:?}");
+        assert_eq!(warned, ["depth-units"], "{mode:?}");
+    }
+}
+
+/// Rows cut off at the bottom look like scaled ones: only who made them knows.
+#[test]
+fn depth_maps_of_another_shape_than_their_cams_are_said() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    for view in scene.scene().views() {
+        let path = job.depths.join(mvsnet::file_name(view.id, ".pfm"));
+        let whole = files::read_raster(&path).unwrap();
+        let rows = whole.values()[..160 * 112].to_vec();
+        let cut = Raster::from_values(160, 112, rows).unwrap();
+        files::write_atomically(&path, |out| pfm::write_gray(out, &cut)).unwrap();
+    }
+    let (_, warned) = codes(&job);
+    assert_eq!(warned, ["depth-shape"]);
+    job.camera_size = Some("160x112".parse().unwrap());
+    let (outcome, warned) = codes(&job);
+    assert!(warned.is_empty() && outcome.is_ok(), "{warned:?}");
+    let cloud = files::read_cloud(&job.out).unwrap();
+    assert!(median_distance(&scene, cloud.positions()) < 1e-4);
+}
+
 #[test]
 fn options_of_workspaces_do_not_go_with_cams_and_a_failing_run_keeps_the_result_before_it() {
     let scene = scene();
