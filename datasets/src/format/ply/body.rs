@@ -24,6 +24,21 @@ pub(super) struct Row {
     pub(super) lists: Vec<Vec<f64>>,
 }
 
+impl Row {
+    /// Refuses numbers of the row's line that the header does not name: which are which is not known then.
+    fn is_all_of(self, line: &str) -> Result<Self, String> {
+        let of_lists = self.lists.iter().map(|list| 1 + list.len());
+        let expected = self.scalars.len() + of_lists.sum::<usize>();
+        let found = line.split_ascii_whitespace().count();
+        match found > expected {
+            true => Err(format!(
+                "expected {expected} numbers as the header says, found {found}"
+            )),
+            false => Ok(self),
+        }
+    }
+}
+
 impl PropertyAccess for Row {
     fn new() -> Self {
         Self::default()
@@ -166,12 +181,14 @@ impl<'a> Body<'a> {
                 continue;
             }
             let line = String::from_utf8_lossy(line);
-            if let Ok(row) = parser.read_ascii_element(&line, element) {
-                return Ok(row);
-            }
-            let place = format!("{} {index} (line {})", element.name, self.line - 1);
-            return repaired(parser, element, &line)
-                .map_err(|problem| FormatError::new(place, problem));
+            let row = match parser.read_ascii_element(&line, element) {
+                Ok(row) => Ok(row),
+                Err(_) => repaired(parser, element, &line),
+            };
+            return row.and_then(|row| row.is_all_of(&line)).map_err(|problem| {
+                let place = format!("{} {index} (line {})", element.name, self.line - 1);
+                FormatError::new(place, problem)
+            });
         }
         Err(cut_short(element, index))
     }

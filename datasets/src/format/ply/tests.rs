@@ -197,17 +197,42 @@ fn colors_are_bytes_or_fractions() {
         read("char", "-1 -128 127").unwrap().colors(),
         Some(&[[255, 128, 127]][..])
     );
-    let error = read("float", "0 0.5 200").unwrap_err().to_string();
-    assert!(
-        error.contains("vertex 0: expected color values from 0 to 1, found 200"),
-        "{error}"
+    // Of other types the largest value says what white is.
+    assert_eq!(
+        read("float", "0 0.5 200").unwrap().colors(),
+        Some(&[[0, 1, 200]][..])
     );
-    let error = read("ushort", "0 65535 2").unwrap_err().to_string();
-    assert!(
-        error.contains("expected color values from 0 to 255, found 65535"),
-        "{error}"
+    assert_eq!(
+        read("ushort", "0 65535 257").unwrap().colors(),
+        Some(&[[0, 255, 1]][..])
     );
+    assert_eq!(
+        read("ushort", "0 255 3").unwrap().colors(),
+        Some(&[[0, 255, 3]][..])
+    );
+    for (kind, row, expected) in [
+        ("float", "0 0.5 256", "0 to 255, found 256"),
+        ("float", "0 0.5 -1000", "0 to 1, found -1000"),
+        ("uint", "0 65536 2", "0 to 65535, found 65536"),
+        ("int", "0 300 2", "0 to 255, found 300"),
+    ] {
+        let error = read(kind, row).unwrap_err().to_string();
+        let expected = format!("vertex 0: expected color values from {expected}");
+        assert!(error.contains(&expected), "{error}");
+    }
     assert!(read("float", "0 nan 0").is_err());
+}
+
+/// A fourth number would be taken for nobody's.
+#[test]
+fn numbers_that_the_header_does_not_name_are_refused() {
+    let read = |rows: &str| read_cloud(&ascii(&format!("element vertex 2\n{XYZ}"), rows));
+    assert!(read("0 0 0\n7 1 0 ").is_ok());
+    for rows in ["0 0 0\n7 1 0 5", "0 0 0\n7 nan 0 5"] {
+        let error = read(rows).unwrap_err().to_string();
+        let expected = "vertex 1 (line 9): expected 3 numbers as the header says, found 4";
+        assert!(error.contains(expected), "{error}");
+    }
 }
 
 #[test]

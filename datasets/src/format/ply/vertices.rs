@@ -46,35 +46,58 @@ pub(super) fn colors(table: &Table<'_>) -> Result<Option<Vec<[u8; 3]>>, FormatEr
     let Some(columns) = names.into_iter().find_map(|names| table.find(names)) else {
         return Ok(None);
     };
-    let unit = columns
-        .map(|column| matches!(table.scalar(column), ScalarType::Float | ScalarType::Double));
+    let white = white_of(table, columns);
     let mut first_bad = None;
     let colors = table.map(columns, |row, channels| {
         let mut color = [0; 3];
-        for ((byte, value), unit) in color.iter_mut().zip(channels).zip(unit) {
-            match channel(value, unit) {
+        for (byte, value) in color.iter_mut().zip(channels) {
+            match channel(value, white) {
                 Some(found) => *byte = found,
-                None => first_bad = first_bad.or(Some((row, value, unit))),
+                None => first_bad = first_bad.or(Some((row, value))),
             }
         }
         color
     });
     match first_bad {
         None => Ok(Some(colors)),
-        Some((row, value, unit)) => {
-            let expected = if unit { "0 to 1" } else { "0 to 255" };
-            let problem = format!("expected color values from {expected}, found {value}");
+        Some((row, value)) => {
+            let problem = format!("expected color values from 0 to {white}, found {value}");
             Err(FormatError::new(format!("vertex {row}"), problem))
         }
     }
 }
 
-/// A colour value as 8 bits; `unit` when white is 1. Signed bytes below 0 are bytes above 127.
-fn channel(value: f64, unit: bool) -> Option<u8> {
-    let scaled = match unit {
-        true if (-0.01..=1.01).contains(&value) => 255.0 * value.clamp(0.0, 1.0),
-        false if (-128.0..0.0).contains(&value) => value + 256.0,
-        false if (0.0..=255.0).contains(&value) => value,
+/// What stands for white: 255, or what the type and the largest value say, 1 of fractions and 65535 of
+/// 16 bits.
+fn white_of(table: &Table<'_>, columns: [usize; 3]) -> f64 {
+    let is = |types: [ScalarType; 2]| {
+        (columns.into_iter()).all(|column| types.contains(table.scalar(column)))
+    };
+    if is([ScalarType::UChar, ScalarType::Char]) {
+        return 255.0;
+    }
+    let mut most = 0.0f64;
+    table.map(columns, |_, channels| {
+        most = channels.into_iter().fold(most, f64::max);
+    });
+    if is([ScalarType::Float, ScalarType::Double]) && most < 1.0 + SLACK {
+        1.0
+    } else if is([ScalarType::UShort, ScalarType::UInt]) && most > 255.0 {
+        65535.0
+    } else {
+        255.0
+    }
+}
+
+/// How far fractions may lie beyond black and white.
+const SLACK: f64 = 0.01;
+
+/// A colour value as 8 bits. Signed bytes below 0 are bytes above 127.
+fn channel(value: f64, white: f64) -> Option<u8> {
+    let scaled = match white {
+        1.0 if (-SLACK..=1.0 + SLACK).contains(&value) => 255.0 * value.clamp(0.0, 1.0),
+        255.0 if (-128.0..0.0).contains(&value) => value + 256.0,
+        _ if (0.0..=white).contains(&value) => value * (255.0 / white),
         _ => return None,
     };
     Some(scaled.round() as u8)
