@@ -49,6 +49,9 @@ pub struct ReportOutcome {
 pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     let (files, records) = read_all(&job.records, Some(&job.out))?;
     let boards = leaderboard::boards(&records).map_err(|error| place_of(error, &files))?;
+    for sentence in boards.iter().flat_map(leaderboard::Board::not_comparable) {
+        context.warnings.add("not-comparable", sentence);
+    }
     let mut inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     inputs.extend(job.pictures.iter().map(PathBuf::as_path));
     let out = OutDir::create(

@@ -1,5 +1,6 @@
 //! Two sets of records side by side: what became better, what worse, beyond the stated uncertainty.
 
+use super::basis;
 use super::record::Record;
 use crate::error::{Error, Result};
 use serde::Serialize;
@@ -10,11 +11,12 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct CompareOptions {
     /// F-score differences up to this are no differences, whatever the records' intervals say.
     pub tolerance: f64,
-    /// Whether sets of different protocols or profiles may be compared at all.
+    /// Whether sets of different protocols, profiles, truths, crops or samplings of meshes may be
+    /// compared at all.
     pub mixing: Mixing,
 }
 
-/// What to do about records of different protocols or profiles.
+/// What to do about records whose numbers mean different things.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Mixing {
     /// An error.
@@ -70,6 +72,8 @@ pub struct Comparison {
     pub lost: Vec<String>,
     /// Cells that have an F-score in the second set alone.
     pub gained: Vec<String>,
+    /// Cells of both that rest on another truth, crop or sampling of meshes, and on which.
+    pub mixed: Vec<String>,
 }
 
 impl Comparison {
@@ -81,8 +85,8 @@ impl Comparison {
 }
 
 /// Compares the F-scores of `after` with those of `before`. Methods are paired by name, unless both
-/// sets hold a single one. Fails when the scores are of different protocols, profiles or units, when a
-/// cell is there twice, or when they have no cell in common.
+/// sets hold a single one. Fails when the scores are of different protocols, profiles or units or a cell's
+/// of different truths, crops or samplings of meshes, unless they may be mixed, when a cell is there twice, or when they have no cell in common.
 pub fn compare(
     before: &[Record],
     after: &[Record],
@@ -107,10 +111,16 @@ pub fn compare(
             comparison.lost.push(cell.clone());
             continue;
         };
+        if let Some(change) = second.get(cell).and_then(|new| basis::change(old, new)) {
+            comparison.mixed.push(format!("{cell}: {change}"));
+        }
         let uncertainty = half_width(old).hypot(half).max(options.tolerance);
         comparison
             .differences
             .push(difference(cell, (before, after), uncertainty));
+    }
+    if options.mixing == Mixing::Refused && !comparison.mixed.is_empty() {
+        return Err(mixed(&comparison.mixed));
     }
     let unscored = |cell: &&String| first.get(*cell).is_none_or(|old| old.fscore.is_none());
     let new_cells = second.iter().filter(|(_, new)| new.fscore.is_some());
@@ -124,6 +134,20 @@ pub fn compare(
         return Err(Error::invalid("compare", problem));
     }
     Ok(comparison)
+}
+
+fn mixed(cells: &[String]) -> Error {
+    let more = match cells.len() {
+        0 | 1 => String::new(),
+        several => format!(" (and so in {} more cells)", several - 1),
+    };
+    let problem = format!(
+        "expected both sets scored against the same truths, in the same crops and with the same sampling \
+         of meshes, found {}{more}; their numbers mean different things (allow mixing to compare them all the \
+         same)",
+        cells.first().map_or("", String::as_str)
+    );
+    Error::invalid("compare", problem)
 }
 
 fn difference(cell: &str, (before, after): (f64, f64), uncertainty: f64) -> Difference {
@@ -285,6 +309,36 @@ mod tests {
             ..CompareOptions::default()
         };
         assert!(compare(&before, &after, &options).unwrap().is_regression());
+    }
+
+    #[test]
+    fn another_truth_crop_or_sampling_is_refused_by_name_unless_mixed() {
+        let of = |truth: &str, crop: &str, f: f64| Record {
+            truth_sha256: truth.into(),
+            crop_sha256: crop.into(),
+            ..record("Barn", f, 0.0)
+        };
+        let before = [of("aa", "", 0.5)];
+        let options = CompareOptions::default();
+        for (after, said) in [
+            (of("bb", "", 0.6), "Barn · τ 0.01: truth aa and bb;"),
+            (of("aa", "cc", 0.6), "Barn · τ 0.01: crop none and cc;"),
+        ] {
+            let error = compare(&before, std::slice::from_ref(&after), &options).unwrap_err();
+            assert!(error.to_string().contains(said), "{error}");
+            let mixed = CompareOptions {
+                mixing: Mixing::Allowed,
+                ..options.clone()
+            };
+            let compared = compare(&before, &[after], &mixed).unwrap();
+            assert_eq!(compared.differences[0].outcome, Outcome::Better);
+            assert_eq!(compared.mixed.len(), 1);
+        }
+        // Nothing is known of the truth of records put together by hand.
+        assert_eq!(
+            compared(&before, &[record("Barn", 0.5, 0.0)]).mixed.len(),
+            0
+        );
     }
 
     #[test]

@@ -2,8 +2,10 @@
 //! splits, units or thresholds never stand in one board.
 //!
 //! A record whose status is not `ok` failed, or failed a gate: its value, if it has one, is shown and
-//! takes no part in ranks and means.
+//! takes no part in ranks and means. So is one that was scored against another truth, in another crop or
+//! with another sampling of meshes than most of its scene; boards say so in its status.
 
+use super::basis;
 pub use super::leaderboard_tables::{paper_tables, site_tables};
 use super::record::Record;
 use crate::error::{Error, Result};
@@ -302,6 +304,10 @@ fn board(common: Common, records: &[&Record]) -> Result<Board> {
             }
         }
     }
+    for index in 0..scenes.len() {
+        let of_scene = rows.values_mut().filter_map(|row| row[index].as_mut());
+        basis::set_apart(&mut of_scene.collect::<Vec<_>>());
+    }
     let entries = rows
         .into_iter()
         .map(|(label, records)| Entry { label, records })
@@ -363,6 +369,33 @@ impl Board {
     pub fn has(&self, metric: Metric) -> bool {
         let mut records = self.entries.iter().flat_map(|entry| &entry.records);
         records.any(|record| record.as_ref().is_some_and(|r| metric.of(r).is_some()))
+    }
+
+    /// A sentence per scene whose records rest on different truths, crops or samplings of meshes.
+    pub fn not_comparable(&self) -> Vec<String> {
+        let apart = |scene: usize| {
+            let of_scene = |entry: &&Entry| {
+                entry.records[scene]
+                    .as_ref()
+                    .is_some_and(basis::is_set_apart)
+            };
+            let labels = self
+                .entries
+                .iter()
+                .filter(of_scene)
+                .map(|entry| entry.label.as_str());
+            labels.collect::<Vec<_>>().join(", ")
+        };
+        let scenes = self.scenes.iter().enumerate();
+        let named = scenes.map(|(nth, scene)| (scene, apart(nth)));
+        let sentences = named.filter(|(_, labels)| !labels.is_empty()).map(|(scene, labels)| {
+            format!(
+                "scores of {scene} are against different truths, crops or samplings of meshes: {labels} \
+                 stand with a † and take no part in ranks and means (the notes say what differs; score \
+                 them alike)"
+            )
+        });
+        sentences.collect()
     }
 
     /// The methods by mean rank, then mean, then name. Those that miss a scene, or whose score of one

@@ -1,5 +1,6 @@
 //! Records to files that people read. Pure: values in, bytes out.
 
+mod basis;
 mod canvas;
 pub mod check;
 mod cloud_payload;

@@ -73,7 +73,8 @@ pub struct Record {
     pub schema: Schema,
     /// The procedure that turned distances into scores: `tnt`, `plain`, `eth3d`, `dtu`.
     pub protocol: String,
-    /// The named variant of the protocol: `official`, `strict`.
+    /// The named variant of the protocol: `official`, `strict`; of plain scores of thinned clouds `voxel`
+    /// and the voxels' edge.
     pub profile: String,
     /// The judged system.
     pub method: String,

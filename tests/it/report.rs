@@ -247,6 +247,35 @@ fn equal_values_share_a_rank_and_distances_rank_the_other_way() {
 }
 
 #[test]
+fn another_truth_is_shown_and_takes_no_part_in_ranks() {
+    let of = |method: &str, truth: &str, f: f64| Record {
+        truth_sha256: truth.into(),
+        ..record(method, "Barn", f)
+    };
+    let records = [of("a", "t1", 0.5), of("b", "t2", 0.9), of("c", "t1", 0.6)];
+    let boards = boards(&records).unwrap();
+    let ranking = boards[0].ranking(Metric::FScore);
+    let ranks: Vec<(&str, Option<usize>)> = ranking
+        .iter()
+        .map(|row| (row.label.as_str(), row.rank))
+        .collect();
+    assert_eq!(ranks, [("c", Some(1)), ("a", Some(2)), ("b", None)]);
+    let tables = site_tables(&boards);
+    let said = "† b, Barn: not comparable: truth t2, most have t1; no mean, no rank.";
+    assert!(
+        tables[0].notes.iter().any(|note| note == said),
+        "{:?}",
+        tables[0].notes
+    );
+    let warned = boards[0].not_comparable();
+    assert_eq!(warned.len(), 1);
+    assert!(
+        warned[0].starts_with("scores of Barn are ") && warned[0].contains(": b "),
+        "{warned:?}"
+    );
+}
+
+#[test]
 fn two_records_for_one_cell_are_refused() {
     let error = boards(&[record("a", "Barn", 0.5), record("a", "Barn", 0.6)])
         .unwrap_err()
