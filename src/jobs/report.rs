@@ -145,7 +145,9 @@ fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
     for path in paths {
         if path.is_dir() {
             let before = found.len();
-            search(path, out.as_deref(), &mut found)?;
+            // Links may lead in circles, and twice to one folder.
+            let mut visited: BTreeSet<PathBuf> = out.iter().cloned().collect();
+            search(path, &mut visited, &mut found)?;
             if found.len() == before {
                 let problem = format!("expected {} in it, found none", RECORD_FILES.join(" or "));
                 return Err(Error::invalid(path.display().to_string(), problem));
@@ -161,13 +163,15 @@ fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-fn search(folder: &Path, out: Option<&Path>, found: &mut Vec<PathBuf>) -> Result<()> {
-    if out.is_some() && folder.canonicalize().ok().as_deref() == out {
+/// Each folder once, by its real path; those in `visited` not at all.
+fn search(folder: &Path, visited: &mut BTreeSet<PathBuf>, found: &mut Vec<PathBuf>) -> Result<()> {
+    let real = folder.canonicalize();
+    if !visited.insert(real.map_err(mvs_datasets::Error::io(folder, "read"))?) {
         return Ok(());
     }
     for path in provenance::sorted_entries(folder)? {
-        if path.is_dir() && !path.is_symlink() {
-            search(&path, out, found)?;
+        if path.is_dir() {
+            search(&path, visited, found)?;
         } else if RECORD_FILES.iter().any(|name| path.ends_with(name)) {
             found.push(path);
         }

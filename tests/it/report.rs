@@ -246,6 +246,36 @@ fn equal_values_share_a_rank_and_distances_rank_the_other_way() {
     assert_eq!(ranks, [("a", Some(1)), ("b", Some(1)), ("far", Some(3))]);
 }
 
+/// Puts a record into `name` under `folder`.
+fn put_record(folder: &Path, name: &str, record: Record) -> PathBuf {
+    let path = folder.join(name);
+    let write = |out: &mut _| mvs_eval::report::record::write(out, &[record]);
+    write_atomically(&path, write).unwrap();
+    path
+}
+
+#[cfg(unix)]
+#[test]
+fn linked_folders_are_searched_each_once_and_circles_end() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    put_record(folder.path(), "in/a/scores.csv", record("a", "Barn", 0.5));
+    put_record(
+        folder.path(),
+        "elsewhere/scores.csv",
+        record("b", "Barn", 0.6),
+    );
+    symlink(at("elsewhere"), at("in/b")).unwrap();
+    symlink(at("elsewhere"), at("in/b_again")).unwrap();
+    symlink(at("in"), at("in/a/circle")).unwrap();
+    let output = mvs_eval(&["report", arg(&at("in")), "--out", arg(&at("out"))]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(said["records"], 2);
+    assert_eq!(said["files"].as_array().unwrap().len(), 2, "{said}");
+}
+
 #[test]
 fn another_truth_is_shown_and_takes_no_part_in_ranks() {
     let of = |method: &str, truth: &str, f: f64| Record {
