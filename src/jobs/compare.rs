@@ -26,8 +26,8 @@ pub fn run(job: &CompareJob, context: &Context<'_>) -> Result<Comparison> {
         let problem = format!("expected a difference of F-scores from 0 to 1, found {tolerance}");
         return Err(Error::invalid("--tolerance", problem));
     }
-    let before = report::read_all(std::slice::from_ref(&job.before), None)?.1;
-    let after = report::read_all(std::slice::from_ref(&job.after), None)?.1;
+    let before = report::read_all(std::slice::from_ref(&job.before), None, context)?.1;
+    let after = report::read_all(std::slice::from_ref(&job.after), None, context)?.1;
     let standard = CompareOptions::default();
     let options = CompareOptions {
         tolerance: job.tolerance.unwrap_or(standard.tolerance),

@@ -277,6 +277,33 @@ fn linked_folders_are_searched_each_once_and_circles_end() {
 }
 
 #[test]
+fn records_of_an_unfinished_result_are_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    put_record(folder.path(), "in/a/scores.csv", record("a", "Barn", 0.5));
+    let report = || {
+        mvs_eval(&[
+            "report",
+            arg(&at("in")),
+            "--out",
+            arg(&at("out")),
+            "--force",
+        ])
+    };
+    assert!(!stderr(&report()).contains("[unfinished]"));
+    write_atomically(&at("in/a/run.partial.toml"), |out| out.write_all(b"")).unwrap();
+    let compared = mvs_eval(&["compare", arg(&at("in")), arg(&at("in/a/scores.csv"))]);
+    for output in [report(), compared] {
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        assert!(
+            said.contains("[unfinished]") && said.contains("in/a/scores.csv lies"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 fn another_truth_is_shown_and_takes_no_part_in_ranks() {
     let of = |method: &str, truth: &str, f: f64| Record {
         truth_sha256: truth.into(),
