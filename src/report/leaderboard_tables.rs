@@ -1,6 +1,6 @@
 //! Boards as tables: in the form of the benchmark's site and in the papers'.
 
-use super::leaderboard::{Board, Entry, Metric, Ranked, Value, has_values, is_sound, mean};
+use super::leaderboard::{Board, Common, Entry, Metric, Ranked, Value, has_values, is_sound, mean};
 use super::record::Record;
 use super::table::{Better, Cell, MISSING, Marks, SUSPECT, Table, emphasise};
 use std::collections::BTreeSet;
@@ -18,12 +18,16 @@ pub fn site_tables(boards: &[Board]) -> Vec<Table> {
                 // Nothing but failures: the table says so.
                 metrics.push(Metric::FScore);
             }
-            metrics.into_iter().map(|metric| site_table(board, metric))
+            let named = Named::among(board, boards);
+            metrics
+                .into_iter()
+                .map(move |metric| site_table(named, metric))
         })
         .collect()
 }
 
-fn site_table(board: &Board, metric: Metric) -> Table {
+fn site_table(named: Named<'_>, metric: Metric) -> Table {
+    let board = named.board;
     let ranked = board.ranking(metric);
     let shown = |value: Option<f64>| match value {
         Some(value) if metric.is_fraction() => format!("{:.2}", 100.0 * value),
@@ -60,10 +64,10 @@ fn site_table(board: &Board, metric: Metric) -> Table {
         .map(String::from)
         .to_vec();
     header.extend(board.scenes.iter().cloned());
-    let mut identity = board.identity();
+    let mut identity = named.identity();
     identity.push(("metric".into(), metric.name().into()));
     Table {
-        title: board.title(metric.name()),
+        title: named.title(metric.name()),
         identity,
         notes: board.notes(),
         header,
@@ -77,10 +81,13 @@ fn site_table(board: &Board, metric: Metric) -> Table {
 /// and their average, fractions with three decimals, best F-score bold. Methods by name.
 pub fn paper_tables(boards: &[Board]) -> Vec<Table> {
     let printable = boards.iter().filter(|board| board.has(Metric::FScore));
-    printable.map(paper_table).collect()
+    printable
+        .map(|board| paper_table(Named::among(board, boards)))
+        .collect()
 }
 
-fn paper_table(board: &Board) -> Table {
+fn paper_table(named: Named<'_>) -> Table {
+    let board = named.board;
     let shown =
         |value: Option<f64>| value.map_or(MISSING.to_owned(), |value| format!("{value:.3}"));
     let wanted = [Metric::Precision, Metric::Recall, Metric::FScore];
@@ -115,8 +122,8 @@ fn paper_table(board: &Board) -> Table {
     header.extend(board.scenes.iter().cloned());
     header.push("Average".into());
     Table {
-        title: board.title("Precision, recall and F-score"),
-        identity: board.identity(),
+        title: named.title("Precision, recall and F-score"),
+        identity: named.identity(),
         notes: board.notes(),
         header,
         labels: 2,
@@ -203,24 +210,54 @@ impl Board {
         }
         notes
     }
+}
+
+/// A board, and whether its unit tells it apart from another one.
+#[derive(Clone, Copy)]
+struct Named<'a> {
+    board: &'a Board,
+    by_unit: bool,
+}
+
+impl<'a> Named<'a> {
+    fn among(board: &'a Board, boards: &[Board]) -> Self {
+        let differs_in_unit_alone = |other: &Board| {
+            let unit = board.common.unit.clone();
+            let same = Common {
+                unit,
+                ..other.common.clone()
+            };
+            other.common != board.common && same == board.common
+        };
+        Self {
+            board,
+            by_unit: boards.iter().any(differs_in_unit_alone),
+        }
+    }
 
     fn identity(&self) -> Vec<(String, String)> {
-        let common = &self.common;
-        [
+        let common = &self.board.common;
+        let unit = self.by_unit.then_some(("unit", &common.unit));
+        let names = [
             ("protocol", &common.protocol),
             ("profile", &common.profile),
             ("split", &common.split),
             ("threshold", &common.threshold),
-        ]
-        .map(|(name, value)| (name.to_owned(), value.clone()))
-        .to_vec()
+        ];
+        let names = names.into_iter().chain(unit);
+        names
+            .map(|(name, value)| (name.to_owned(), value.clone()))
+            .collect()
     }
 
     fn title(&self, what: &str) -> String {
-        let common = &self.common;
+        let common = &self.board.common;
         let mut parts = vec![what.to_owned()];
         let named = [&common.protocol, &common.profile, &common.split];
-        parts.extend(named.into_iter().filter(|part| !part.is_empty()).cloned());
+        let named = named
+            .into_iter()
+            .chain(self.by_unit.then_some(&common.unit));
+        parts.extend(named.filter(|part| !part.is_empty()).cloned());
         if !common.threshold.is_empty() {
             parts.push(format!(
                 "τ = {}{}",

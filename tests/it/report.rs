@@ -304,6 +304,25 @@ fn records_of_an_unfinished_result_are_warned_of() {
 }
 
 #[test]
+fn boards_of_other_units_are_named_by_them_and_pass_our_own_check() {
+    let mut records = duel();
+    records.extend(duel().into_iter().map(|record| Record {
+        unit: "mm".into(),
+        ..record
+    }));
+    let boards = boards(&records).unwrap();
+    let tables = site_tables(&boards);
+    let titles: Vec<&str> = tables.iter().map(|table| table.title.as_str()).collect();
+    assert_eq!(titles[0], "F-score · tnt · official · training · m");
+    assert_eq!(titles[3], "F-score · tnt · official · training · mm");
+    for tables in [tables, paper_tables(&boards)] {
+        let csv = text(|out| table_csv::write(out, &tables));
+        let checked = mvs_eval::report::check::check(csv.as_bytes()).unwrap();
+        assert!(checked.slips.is_empty() && checked.averages > 0, "{csv}");
+    }
+}
+
+#[test]
 fn another_truth_is_shown_and_takes_no_part_in_ranks() {
     let of = |method: &str, truth: &str, f: f64| Record {
         truth_sha256: truth.into(),
