@@ -95,6 +95,9 @@ impl Metric {
     }
 }
 
+/// What stands for the threshold of scores that name none, where others of their scene do.
+pub const NO_THRESHOLD: &str = "none";
+
 /// What all records of a board have in common.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Common {
@@ -106,8 +109,8 @@ pub struct Common {
     pub split: String,
     /// The unit of distances.
     pub unit: String,
-    /// The threshold as text on the boards of further thresholds of a scene; empty where each scene
-    /// has its own.
+    /// The threshold as text on the boards of further thresholds of a scene, [`NO_THRESHOLD`] on that
+    /// of scores without one beside scores that have one; empty where each scene has its own.
     pub threshold: String,
 }
 
@@ -179,7 +182,8 @@ pub(super) fn has_values(record: &Record) -> bool {
 
 /// Sorts records into boards. A scene that was scored at several thresholds stands in the main board
 /// at its known one (or the commonest), and in boards of their own at the others; where every scene
-/// has several unknown ones, each threshold has a board.
+/// has several unknown ones, each threshold has a board. Fractions without a threshold have a board of
+/// their own where others of their scene have one.
 ///
 /// Fails when a method has two records for the same cell, or a value is no number.
 pub fn boards(records: &[Record]) -> Result<Vec<Board>> {
@@ -265,10 +269,22 @@ fn boards_of(
             vec![String::new()]
         }
         (Some(threshold), _) => vec![threshold.to_string()],
+        (None, main)
+            if has_fraction(record)
+                && main.map_or(true, |main| main.contains_key(record.scene.as_str())) =>
+        {
+            vec![NO_THRESHOLD.to_owned()]
+        }
         (None, Ok(_)) => vec![String::new()],
         // A failure that has no threshold is missing from all of them.
         (None, Err(all)) => all.iter().cloned().collect(),
     }
+}
+
+/// Whether it has a score that a threshold is part of.
+fn has_fraction(record: &Record) -> bool {
+    let mut metrics = Metric::ALL.into_iter();
+    metrics.any(|metric| metric.is_fraction() && metric.of(record).is_some())
 }
 
 fn label(record: &Record) -> String {

@@ -1,6 +1,8 @@
 //! Boards as tables: in the form of the benchmark's site and in the papers'.
 
-use super::leaderboard::{Board, Common, Entry, Metric, Ranked, Value, has_values, is_sound, mean};
+use super::leaderboard::{
+    Board, Common, Entry, Metric, NO_THRESHOLD, Ranked, Value, has_values, is_sound, mean,
+};
 use super::record::Record;
 use super::table::{Better, Cell, MISSING, Marks, SUSPECT, Table, emphasise};
 use std::collections::BTreeSet;
@@ -258,7 +260,9 @@ impl<'a> Named<'a> {
             .into_iter()
             .chain(self.by_unit.then_some(&common.unit));
         parts.extend(named.filter(|part| !part.is_empty()).cloned());
-        if !common.threshold.is_empty() {
+        if common.threshold == NO_THRESHOLD {
+            parts.push("no threshold given".to_owned());
+        } else if !common.threshold.is_empty() {
             parts.push(format!(
                 "τ = {}{}",
                 common.threshold,

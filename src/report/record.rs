@@ -185,6 +185,12 @@ impl Record {
         if found != known {
             return Some(format!("schema: expected {known}, found {found}"));
         }
+        let possible = |threshold: f64| threshold > 0.0 && threshold.is_finite();
+        if let Some(threshold) = self.threshold.filter(|&value| !possible(value)) {
+            return Some(format!(
+                "threshold: expected a distance above 0, found {threshold}"
+            ));
+        }
         let fractions = [
             ("precision", self.precision),
             ("recall", self.recall),
@@ -216,7 +222,7 @@ pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
 }
 
 /// Reads `results.csv`. The columns must be those of this version, in order; every fraction lies
-/// between 0 and 1.
+/// between 0 and 1, every threshold above 0.
 pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     let mut reader = csv::Reader::from_reader(source);
     let found = reader.headers().map_err(at_line(1))?.clone();
@@ -337,6 +343,14 @@ mod tests {
         );
         let newer = good.replace("\n1,", "\n2,");
         assert_eq!(fails(&newer), "line 2: schema: expected 1, found 2");
+        for threshold in ["nan", "inf", "-1", "0"] {
+            let bad = good.replace(",0.5,", &format!(",{threshold},"));
+            let found = fails(&bad);
+            assert!(
+                found.starts_with("line 2: threshold: expected a distance above 0, found "),
+                "{found}"
+            );
+        }
         let renamed = good.replace("recall", "completeness");
         assert_eq!(
             fails(&renamed),

@@ -323,6 +323,44 @@ fn boards_of_other_units_are_named_by_them_and_pass_our_own_check() {
 }
 
 #[test]
+fn scores_without_a_threshold_do_not_stand_beside_those_with_one() {
+    let without = |method: &str, scene: &str| Record {
+        threshold: None,
+        ..record(method, scene, 0.9)
+    };
+    let failed = Record {
+        fscore: None,
+        status: "failed: no cameras".into(),
+        ..without("failed", "Barn")
+    };
+    let records = [record("a", "Barn", 0.5), without("b", "Barn"), failed];
+    let found = boards(&records).unwrap();
+    let shape = |nth: usize| {
+        let labels = found[nth].entries.iter().map(|entry| entry.label.as_str());
+        (
+            found[nth].common.threshold.as_str(),
+            labels.collect::<Vec<_>>(),
+        )
+    };
+    assert_eq!(found.len(), 2);
+    assert_eq!(shape(0), ("", vec!["a", "failed"]));
+    assert_eq!(shape(1), ("none", vec!["b"]));
+    assert!(
+        site_tables(&found)[1]
+            .title
+            .ends_with(" · no threshold given")
+    );
+    // Where no score of a scene names one, nothing is told apart.
+    let one = boards(&[
+        record("a", "Barn", 0.5),
+        without("a", "Truck"),
+        without("b", "Truck"),
+    ])
+    .unwrap();
+    assert_eq!(one.len(), 1);
+}
+
+#[test]
 fn another_truth_is_shown_and_takes_no_part_in_ranks() {
     let of = |method: &str, truth: &str, f: f64| Record {
         truth_sha256: truth.into(),
