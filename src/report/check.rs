@@ -273,6 +273,18 @@ fn check_method(result: &mut Checked, method: &str, columns: &[&str], metrics: &
     }
 }
 
+/// Where these cells' F-score is none that their precision and recall have, whatever their unrounded
+/// values are: the F-score in the middle of what they have. `None` where a cell holds no number.
+pub(super) fn f_slip(precision: &str, recall: &str, f_score: &str) -> Option<f64> {
+    let number = |cell: &str| parsed(cell).ok().and_then(Cell::printed);
+    let (low, high) = f_range(number(precision), number(recall))?;
+    let printed = number(f_score)?;
+    // A hair for the rounding of what was computed from counts.
+    let slack = printed.half_unit + 1e-12;
+    let follows = printed.value + slack >= low && printed.value - slack <= high;
+    (!follows).then_some(0.5 * (low + high))
+}
+
 /// The averages that the scenes' unrounded values could have; `None` when a scene is missing.
 fn mean_range(columns: &[&str], values: &[Cell]) -> Option<(f64, f64)> {
     let scenes = columns.iter().zip(values);

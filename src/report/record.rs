@@ -1,5 +1,6 @@
 //! Records: one row per method, scene and threshold, as `results.csv` holds them.
 
+use super::check;
 use mvs_datasets::FormatError;
 use serde::{Deserialize, Serialize};
 use std::io::{Read, Write};
@@ -222,22 +223,38 @@ pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
 }
 
 /// Reads `results.csv`. The columns must be those of this version, in order; every fraction lies
-/// between 0 and 1, every threshold above 0.
+/// between 0 and 1, every threshold above 0, and F follows from precision and recall as far as their
+/// digits go.
 pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     let mut reader = csv::Reader::from_reader(source);
     let found = reader.headers().map_err(at_line(1))?.clone();
     check_header(&found)?;
     let mut records = Vec::new();
-    for (index, row) in reader.deserialize::<Record>().enumerate() {
+    for (index, row) in reader.records().enumerate() {
         // The header is line 1.
-        let line = index as u64 + 2;
-        let record = row.map_err(at_line(line))?;
-        if let Some(problem) = record.problem() {
+        let row = row.map_err(at_line(index as u64 + 2))?;
+        let line = row.position().map_or(index as u64 + 2, csv::Position::line);
+        let record: Record = row.deserialize(Some(&found)).map_err(at_line(line))?;
+        if let Some(problem) = record.problem().or_else(|| wrong_f_score(&row)) {
             return Err(FormatError::new(format!("line {line}"), problem));
         }
         records.push(record);
     }
     Ok(records)
+}
+
+/// Says so where the F-score is none that precision and recall, by the digits they are given with, have.
+fn wrong_f_score(row: &csv::StringRecord) -> Option<String> {
+    let cell = |name: &str| {
+        let column = COLUMNS.iter().position(|column| *column == name)?;
+        row.get(column)
+    };
+    let f_score = cell("fscore")?;
+    let expected = check::f_slip(cell("precision")?, cell("recall")?, f_score)?;
+    Some(format!(
+        "fscore: expected {expected:.4}, which precision and recall give, found {f_score}; mend it, or \
+         leave precision and recall empty where F is something else"
+    ))
 }
 
 fn at_line(line: u64) -> impl FnOnce(csv::Error) -> FormatError {
@@ -330,6 +347,41 @@ mod tests {
         let row = "1,tnt,,alpha,,,Apse,0.5,,0.3333333333333333,0.30000000000000004,,,,,,,,,\
                    18446744073709551615,,,,,,,,,,,,,,,\"ok, \"\"quoted\"\"\",,,,,,,,";
         assert_eq!(text.lines().nth(1), Some(row));
+    }
+
+    #[test]
+    fn an_f_score_that_does_not_follow_is_refused_and_rounding_is_not_blamed() {
+        let full = record("a", "Barn", 0.01);
+        let table = |p: &str, r: &str, f: &str| {
+            let text = written(std::slice::from_ref(&full));
+            text.replace(
+                ",0.3333333333333333,0.30000000000000004,,",
+                &format!(",{p},{r},{f},"),
+            )
+        };
+        for (p, r, f) in [
+            ("0.442", "0.556", "0.492"),
+            ("0.442", "0.556", "0.493"),
+            ("0.3333333333333333", "0.1", "0.15384615384615383"),
+            ("0.3333333333333333", "0.1", "0.15384615384615388"),
+            ("", "0.1", "0.9"),
+            ("0", "0", "0"),
+        ] {
+            assert!(read(table(p, r, f).as_bytes()).is_ok(), "{p} {r} {f}");
+        }
+        for (p, r, f) in [
+            ("0.442", "0.556", "0.494"),
+            ("0.442", "0.556", "0.6"),
+            ("0.3333333333333333", "0.1000000000", "0.1538461999"),
+        ] {
+            let problem = read(table(p, r, f).as_bytes()).map(|_| "was read");
+            let problem = problem.unwrap_err().to_string();
+            assert!(
+                problem.starts_with("line 2: fscore: expected 0."),
+                "{problem}"
+            );
+            assert!(problem.contains(&format!("found {f};")), "{problem}");
+        }
     }
 
     #[test]
