@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 ///
 /// With --check, instead, recomputes the F-scores and averages of a published table (CSV with the
 /// columns method, metric, one per scene, Average), lists what does not follow from its own numbers,
-/// and exits with 1 if there is such a slip.
+/// and exits with 1 if there is such a slip, with 2 if nothing can be recomputed.
 ///
 /// With --folder, instead, writes the README.md of dated folders of measurements from their run.toml
 /// and CSV files; the keys are described in reports/README.md.
