@@ -181,7 +181,7 @@ fn fill((_, methods): &mut Board) {
 }
 
 /// Whether the column's first word is `average`, `mean` or `avg`: `Avg.`, `Mean F`.
-fn is_average(column: &str) -> bool {
+pub(super) fn is_average(column: &str) -> bool {
     let mut words = column.split(|character: char| !character.is_alphanumeric());
     words.find(|word| !word.is_empty()).is_some_and(|first| {
         let mut names = ["average", "mean", "avg"].iter();

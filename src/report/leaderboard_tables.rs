@@ -1,11 +1,25 @@
 //! Boards as tables: in the form of the benchmark's site and in the papers'.
 
+use super::check::is_average;
 use super::leaderboard::{
     Board, Common, Entry, Metric, NO_THRESHOLD, Ranked, Value, has_values, is_sound, mean,
 };
 use super::record::Record;
 use super::table::{Better, Cell, MISSING, Marks, SUSPECT, Table, emphasise};
 use std::collections::BTreeSet;
+
+/// What columns hold that are no scene's, beside averages.
+const OTHER_COLUMNS: [&str; 9] = [
+    "method",
+    "metric",
+    "rank",
+    "mean rank",
+    "protocol",
+    "profile",
+    "split",
+    "threshold",
+    "unit",
+];
 
 /// The boards as the benchmark's site shows them: one table per board and metric, methods ranked,
 /// percent with two decimals (distances with four), best bold and second underlined. Values that
@@ -65,7 +79,7 @@ fn site_table(named: Named<'_>, metric: Metric) -> Table {
     let mut header: Vec<String> = ["method", "rank", "mean rank", "mean"]
         .map(String::from)
         .to_vec();
-    header.extend(board.scenes.iter().cloned());
+    header.extend(board.scenes.iter().map(|scene| column_of(scene)));
     let mut identity = named.identity();
     identity.push(("metric".into(), metric.name().into()));
     Table {
@@ -121,7 +135,7 @@ fn paper_table(named: Named<'_>) -> Table {
         emphasise(&mut cells, &values, Better::Higher, Marks::Best);
     }
     let mut header = vec!["method".to_owned(), "metric".to_owned()];
-    header.extend(board.scenes.iter().cloned());
+    header.extend(board.scenes.iter().map(|scene| column_of(scene)));
     header.push("Average".into());
     Table {
         title: named.title("Precision, recall and F-score"),
@@ -132,6 +146,15 @@ fn paper_table(named: Named<'_>) -> Table {
         rows_per_method: metrics.len(),
         rows,
     }
+}
+
+/// The name of a scene's column: the scene's, unless another column of our tables has it.
+fn column_of(scene: &str) -> String {
+    let mut taken = OTHER_COLUMNS.iter();
+    if is_average(scene) || taken.any(|name| scene.eq_ignore_ascii_case(name)) {
+        return format!("scene {scene}");
+    }
+    scene.to_owned()
 }
 
 fn better(metric: Metric) -> Better {

@@ -361,6 +361,32 @@ fn scores_without_a_threshold_do_not_stand_beside_those_with_one() {
 }
 
 #[test]
+fn scenes_with_the_names_of_other_columns_stand_in_columns_of_their_own() {
+    let scenes = [
+        "Barn", "Rank", "average", "mean", "method", "metric", "profile",
+    ];
+    let values = (0..).map(|nth| f64::from(nth) / 16.0);
+    let records: Vec<Record> = scenes
+        .into_iter()
+        .zip(values)
+        .map(|(scene, f)| record("a", scene, f))
+        .collect();
+    let boards = boards(&records).unwrap();
+    let site = text(|out| table_csv::write(out, &site_tables(&boards)));
+    let expected = "\
+protocol,profile,split,threshold,metric,method,rank,mean rank,mean,Barn,scene Rank,scene average,scene mean,\
+scene method,scene metric,scene profile
+tnt,official,training,,F-score,a,1,1.00,18.75,0.00,6.25,12.50,18.75,25.00,31.25,37.50
+";
+    assert_eq!(site, expected);
+    let paper = text(|out| table_csv::write(out, &paper_tables(&boards)));
+    for csv in [site, paper] {
+        let checked = mvs_eval::report::check::check(csv.as_bytes()).unwrap();
+        assert_eq!((checked.averages, checked.slips.len()), (1, 0), "{csv}");
+    }
+}
+
+#[test]
 fn another_truth_is_shown_and_takes_no_part_in_ranks() {
     let of = |method: &str, truth: &str, f: f64| Record {
         truth_sha256: truth.into(),
