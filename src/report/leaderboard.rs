@@ -185,7 +185,8 @@ pub(super) fn has_values(record: &Record) -> bool {
 /// has several unknown ones, each threshold has a board. Fractions without a threshold have a board of
 /// their own where others of their scene have one.
 ///
-/// Fails when a method has two records for the same cell, or a value is no number.
+/// Fails when a method has two records for the same cell, when two methods have the same label, or when a
+/// value is no number.
 pub fn boards(records: &[Record]) -> Result<Vec<Board>> {
     let mut groups: BTreeMap<Common, Vec<&Record>> = BTreeMap::new();
     for record in records {
@@ -305,8 +306,13 @@ fn board(common: Common, records: &[&Record]) -> Result<Board> {
     scenes.sort_by(|a, b| site_place(a).cmp(&site_place(b)));
     let mut thresholds = vec![None; scenes.len()];
     let mut rows: BTreeMap<String, Vec<Option<Record>>> = BTreeMap::new();
+    let mut systems: BTreeMap<String, (&str, &str)> = BTreeMap::new();
     for &record in records {
         check(record)?;
+        let system = (record.method.as_str(), record.group.as_str());
+        if *systems.entry(label(record)).or_insert(system) != system {
+            return Err(alike(record));
+        }
         let row = rows
             .entry(label(record))
             .or_insert_with(|| vec![None; scenes.len()]);
@@ -348,6 +354,15 @@ fn check(record: &Record) -> Result<()> {
         }
     }
     Ok(())
+}
+
+fn alike(record: &Record) -> Error {
+    let problem = format!(
+        "expected methods that look different, found two that look like {}: one has its group in \
+         brackets, the other brackets in its name; give one of them another name",
+        label(record)
+    );
+    Error::invalid("records", problem)
 }
 
 fn duplicate(record: &Record) -> Error {

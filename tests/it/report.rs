@@ -387,6 +387,20 @@ tnt,official,training,,F-score,a,1,1.00,18.75,0.00,6.25,12.50,18.75,25.00,31.25,
 }
 
 #[test]
+fn two_methods_with_one_label_are_refused() {
+    let grouped = Record {
+        group: "d".into(),
+        ..record("X", "Truck", 0.6)
+    };
+    let alike = [record("X (d)", "Barn", 0.5), grouped];
+    let error = boards(&alike).unwrap_err().to_string();
+    assert!(
+        error.contains("found two that look like X (d): "),
+        "{error}"
+    );
+}
+
+#[test]
 fn another_truth_is_shown_and_takes_no_part_in_ranks() {
     let of = |method: &str, truth: &str, f: f64| Record {
         truth_sha256: truth.into(),
