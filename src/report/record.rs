@@ -234,7 +234,7 @@ pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
         // The header is line 1.
         let row = row.map_err(at_line(index as u64 + 2))?;
         let line = row.position().map_or(index as u64 + 2, csv::Position::line);
-        let record: Record = row.deserialize(Some(&found)).map_err(at_line(line))?;
+        let record: Record = row.deserialize(Some(&found)).map_err(in_cell(&row, line))?;
         if let Some(problem) = record.problem().or_else(|| wrong_f_score(&row)) {
             return Err(FormatError::new(format!("line {line}"), problem));
         }
@@ -261,13 +261,6 @@ fn at_line(line: u64) -> impl FnOnce(csv::Error) -> FormatError {
     move |error| {
         let line = error.position().map_or(line, csv::Position::line);
         let problem = match error.kind() {
-            csv::ErrorKind::Deserialize { err, .. } => {
-                let column = err.field().and_then(|field| COLUMNS.get(field as usize));
-                match column {
-                    Some(column) => format!("{column}: {}", err.kind()),
-                    None => err.kind().to_string(),
-                }
-            }
             csv::ErrorKind::UnequalLengths {
                 expected_len, len, ..
             } => {
@@ -279,7 +272,37 @@ fn at_line(line: u64) -> impl FnOnce(csv::Error) -> FormatError {
     }
 }
 
+/// What is wrong with the cell that the error is of.
+fn in_cell(row: &csv::StringRecord, line: u64) -> impl FnOnce(csv::Error) -> FormatError {
+    move |error| {
+        let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
+            return at_line(line)(error);
+        };
+        let field = err.field().and_then(|field| usize::try_from(field).ok());
+        let place = field.and_then(|field| Some((COLUMNS.get(field)?, row.get(field)?)));
+        let expected = match err.kind() {
+            csv::DeserializeErrorKind::ParseInt(_) => "a whole number from 0 up, digits alone",
+            csv::DeserializeErrorKind::ParseFloat(_) => "a number such as 0.25",
+            _ => "",
+        };
+        let problem = match place {
+            Some((column, cell)) if !expected.is_empty() => {
+                format!("{column}: expected {expected}, found {cell}")
+            }
+            Some((column, _)) => format!("{column}: {}", err.kind()),
+            None => err.kind().to_string(),
+        };
+        FormatError::new(format!("line {line}"), problem)
+    }
+}
+
 fn check_header(found: &csv::StringRecord) -> Result<(), FormatError> {
+    let only = found.get(0).filter(|_| found.len() == 1);
+    if let Some(separator) = only.and_then(|cell| cell.chars().find(|c| [';', '\t'].contains(c))) {
+        let problem =
+            format!("expected cells separated by commas, found {separator:?}: save it with commas");
+        return Err(FormatError::new("header", problem));
+    }
     for (index, name) in COLUMNS.into_iter().enumerate() {
         let cell = found.get(index).unwrap_or("nothing");
         if cell != name {
@@ -409,11 +432,21 @@ mod tests {
             "header, column 11: expected recall, found completeness"
         );
         let word = good.replace("0.3333333333333333", "third");
-        assert!(
-            fails(&word).starts_with("line 2: precision: "),
-            "{}",
-            fails(&word)
-        );
+        let said = "line 2: precision: expected a number such as 0.25, found third";
+        assert_eq!(fails(&word), said);
+        for count in ["\"1,000\"", "-3", "1.5"] {
+            let bad = good.replace("18446744073709551615", count);
+            let said = "line 2: n_rec_in: expected a whole number from 0 up, digits alone, found ";
+            assert_eq!(fails(&bad), format!("{said}{}", count.trim_matches('"')));
+        }
+        for (separator, said) in [(";", "found ';'"), ("\t", "found '\\t'")] {
+            let found = fails(&good.replace(',', separator));
+            assert!(
+                found.starts_with("header: expected cells separated by commas, "),
+                "{found}"
+            );
+            assert!(found.contains(said), "{found}");
+        }
         let short = format!("{good}1,tnt\n");
         assert_eq!(fails(&short), "line 3: expected 43 cells, found 2");
         assert!(fails("").contains("expected schema, found nothing"));

@@ -642,6 +642,17 @@ fn a_score_folder_becomes_a_page_from_the_command_line() {
         arg(&out),
     ]);
     assert!(made.status.success(), "{}", stderr(&made));
+    let document = std::fs::read_to_string(score.join("score.json")).unwrap();
+    let newer = document.replace("mvs-eval score 1", "mvs-eval score 9");
+    write_atomically(&at("newer/score.json"), |out| {
+        out.write_all(newer.as_bytes())
+    })
+    .unwrap();
+    std::fs::copy(score.join("scores.csv"), at("newer/scores.csv")).unwrap();
+    let refused = mvs_eval(&["report", arg(&at("newer")), "--out", arg(&at("no"))]);
+    assert_eq!(refused.status.code(), Some(2));
+    let said = "score.json: schema: expected mvs-eval score 1, found mvs-eval score 9";
+    assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("<h1>A &lt;test&gt;</h1>") && page.contains("BLAKE3"));
     assert!(page.contains("demo, noisy-depth: precision") && page.contains("noisy-depth: recall"));
