@@ -512,6 +512,7 @@ fn page() -> String {
     let curves = Curves {
         title: "tabletop",
         tau,
+        at_tau: (below(tau), below(0.8 * tau)),
         unit: "m",
         distances: &edges,
         precision: &precision,

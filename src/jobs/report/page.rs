@@ -76,6 +76,7 @@ impl<'a> Scored<'a> {
         let svg = curve_svg::svg(&Curves {
             title: &name,
             tau: self.tau(),
+            at_tau: (self.document.precision, self.document.recall),
             unit: self.unit,
             distances: &precision.edges()[1..],
             precision: &precision.fractions(),

@@ -101,6 +101,24 @@ fn rows_name_their_inputs_by_sha256() {
     assert!(rows[0].rec_sha256.len() == 64 && rows[0].log_sha256.is_empty());
 }
 
+/// One point exactly τ away is no hit; the toolbox's bin at τ, whose edge is τ / 100 · 100, counts it.
+#[test]
+fn the_plot_says_the_score_where_points_lie_exactly_at_the_tolerance() {
+    let (fixture, job) = fixture();
+    fixture.put_cloud("truth.ply", vec![DVec3::ZERO]);
+    fixture.put_cloud("raised.ply", vec![DVec3::X * 0.007]);
+    let job = ScoreJob {
+        tau: vec![0.007],
+        ..job
+    };
+    let document = run(&job).unwrap();
+    assert_eq!(document.f_score, 0.0);
+    let curve = read(&job.out, "truth.precision.txt");
+    assert!(curve.lines().nth(99).unwrap().starts_with("1.0"), "no tie");
+    let svg = read(&job.out, "PR_truth_@d_th_0_0070.svg");
+    assert_eq!(svg.matches(">0.00%<").count(), 3);
+}
+
 /// One cloud, thinned in three ways and cropped in one: no two of the voxels share a board or are
 /// compared, and the crop stands beside its scene's others with a mark.
 #[test]
