@@ -21,3 +21,4 @@ pub mod table;
 pub mod table_csv;
 pub mod table_md;
 pub mod table_tex;
+mod thresholds;
