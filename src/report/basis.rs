@@ -40,7 +40,7 @@ pub(super) fn change(before: &Record, after: &Record) -> Option<String> {
 }
 
 /// Sets the records of one scene apart that rest on something else than most: their status says so,
-/// so that take no part in ranks and means. Where no basis is the commonest, all are.
+/// so that they take no part in ranks and means. Where no basis is the commonest, all are.
 pub(super) fn set_apart(records: &mut [&mut Record]) {
     for (nth, name) in NAMES.into_iter().enumerate() {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();

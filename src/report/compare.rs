@@ -87,9 +87,12 @@ impl Comparison {
 }
 
 /// Compares the F-scores of `after` with those of `before`. A score whose status is not `ok` is no score
-/// beside one whose status is, as in leaderboards; two such are compared. Methods are paired by name, unless both
-/// sets hold a single one. Fails when the scores are of different protocols, profiles or units or a cell's
-/// of different truths, crops or samplings of meshes, unless they may be mixed, when a cell is there twice, or when they have no cell in common.
+/// beside one whose status is, as in leaderboards; two such are compared. Methods are paired by name,
+/// unless both sets hold a single one.
+///
+/// Fails when the scores are of different protocols, profiles or units, or a cell's of different truths,
+/// crops or samplings of meshes, unless they may be mixed; when a cell is there twice; or when the sets
+/// have no cell in common.
 pub fn compare(
     before: &[Record],
     after: &[Record],
