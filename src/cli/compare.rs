@@ -9,8 +9,11 @@ use std::path::PathBuf;
 /// Compare two sets of records and exit with 1 when a score became worse
 ///
 /// A difference counts when it is larger than the records' confidence intervals allow (see
-/// `score --bootstrap`) and larger than --tolerance. Sets of different protocols or profiles are
-/// refused unless --mix is given.
+/// `score --bootstrap`) and larger than --tolerance. A score that failed its gates counts as none: what
+/// passed them before is lost then, which is worse.
+///
+/// Sets of different protocols or profiles, and scores of one cell against different truths, in different
+/// crops or with different samplings of meshes, are refused unless --mix is given.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct CompareArgs {
     /// Records (scores.csv, results.csv) or a folder that holds them: how it was
@@ -20,7 +23,7 @@ pub(crate) struct CompareArgs {
     /// F-score differences up to this are no differences (default 1e-9)
     #[arg(long, value_name = "F")]
     tolerance: Option<f64>,
-    /// Compare records of different protocols or profiles too
+    /// Compare records of different protocols, profiles, truths, crops or samplings of meshes too
     #[arg(long)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     mix: bool,

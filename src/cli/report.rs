@@ -13,11 +13,13 @@ use std::path::{Path, PathBuf};
 /// that the records lie in the curves, error histograms and clouds to turn in 3-D), results.csv (all
 /// records in long form) and leaderboard.csv, .md and .tex in the style of
 /// the benchmark's site, leaderboard_paper.csv, .md and .tex in the style of papers. Records of
-/// different protocols, profiles or thresholds never share a table.
+/// different protocols, profiles or thresholds never share a table. A score whose gates failed, or which is
+/// against another truth, in another crop or with another sampling of meshes than most of its scene, is
+/// shown with a † and takes no part in ranks and means.
 ///
 /// With --check, instead, recomputes the F-scores and averages of a published table (CSV with the
 /// columns method, metric, one per scene, Average), lists what does not follow from its own numbers,
-/// and exits with 1 if there is such a slip.
+/// and exits with 1 if there is such a slip, with 2 if nothing can be recomputed.
 ///
 /// With --folder, instead, writes the README.md of dated folders of measurements from their run.toml
 /// and CSV files; the keys are described in reports/README.md.

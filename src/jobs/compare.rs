@@ -16,18 +16,18 @@ pub struct CompareJob {
     pub after: PathBuf,
     /// F-score differences up to this are no differences; 1e-9 when not given.
     pub tolerance: Option<f64>,
-    /// Compare records of different protocols or profiles too.
+    /// Compare records of different protocols, profiles, truths, crops or samplings of meshes too.
     pub mix: bool,
 }
 
 /// Compares the F-scores.
-pub fn run(job: &CompareJob, _context: &Context<'_>) -> Result<Comparison> {
+pub fn run(job: &CompareJob, context: &Context<'_>) -> Result<Comparison> {
     if let Some(tolerance) = job.tolerance.filter(|value| !(0.0..=1.0).contains(value)) {
         let problem = format!("expected a difference of F-scores from 0 to 1, found {tolerance}");
         return Err(Error::invalid("--tolerance", problem));
     }
-    let before = report::read_all(std::slice::from_ref(&job.before), None)?.1;
-    let after = report::read_all(std::slice::from_ref(&job.after), None)?.1;
+    let before = report::read_all(std::slice::from_ref(&job.before), None, context)?.1;
+    let after = report::read_all(std::slice::from_ref(&job.after), None, context)?.1;
     let standard = CompareOptions::default();
     let options = CompareOptions {
         tolerance: job.tolerance.unwrap_or(standard.tolerance),
@@ -37,5 +37,11 @@ pub fn run(job: &CompareJob, _context: &Context<'_>) -> Result<Comparison> {
             Mixing::Refused
         },
     };
-    compare::compare(&before, &after, &options)
+    let comparison = compare::compare(&before, &after, &options)?;
+    for cell in &comparison.mixed {
+        context
+            .warnings
+            .add("mixed", format!("{cell}: the difference means little"));
+    }
+    Ok(comparison)
 }

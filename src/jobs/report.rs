@@ -10,6 +10,7 @@ use crate::report::leaderboard;
 use crate::report::record::{self, Record};
 use crate::report::table::Table;
 use crate::report::{table_csv, table_md, table_tex};
+use mvs_datasets::layout::blended::UNFINISHED;
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -47,8 +48,11 @@ pub struct ReportOutcome {
 /// Joins the records and writes `results.csv`, the leaderboards and the page `index.html`, which also
 /// shows the curves, errors and clouds of the score folders that the records lie in.
 pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
-    let (files, records) = read_all(&job.records, Some(&job.out))?;
+    let (files, records) = read_all(&job.records, Some(&job.out), context)?;
     let boards = leaderboard::boards(&records).map_err(|error| place_of(error, &files))?;
+    for sentence in boards.iter().flat_map(leaderboard::Board::not_comparable) {
+        context.warnings.add("not-comparable", sentence);
+    }
     let mut inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     inputs.extend(job.pictures.iter().map(PathBuf::as_path));
     let out = OutDir::create(
@@ -85,11 +89,26 @@ fn write_tables(out: &OutDir, (site, paper): (&[Table], &[Table])) -> Result<()>
 
 /// The files of records at `paths`, and all their rows, of which there is at least one. A row that
 /// stands in several files, as those of a batch do, is there once. Folders are not searched in `out`.
+/// Warns of files in results that are not finished.
 pub(super) fn read_all(
     paths: &[PathBuf],
     out: Option<&Path>,
+    context: &Context<'_>,
 ) -> Result<(Vec<PathBuf>, Vec<Record>)> {
     let found = find_records(paths, out)?;
+    for (path, mark) in found
+        .iter()
+        .map(|path| (path, path.with_file_name(UNFINISHED)))
+    {
+        if mark.exists() {
+            let message = format!(
+                "{} lies beside a {UNFINISHED}: what made the folder was interrupted or still runs, and its \
+                 records and pictures may be those of different runs; run it again, or leave it out",
+                path.display()
+            );
+            context.warnings.add("unfinished", message);
+        }
+    }
     let mut records = Vec::new();
     let mut seen = BTreeSet::new();
     for path in &found {
@@ -142,7 +161,9 @@ fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
     for path in paths {
         if path.is_dir() {
             let before = found.len();
-            search(path, out.as_deref(), &mut found)?;
+            // Links may lead in circles, and twice to one folder.
+            let mut visited: BTreeSet<PathBuf> = out.iter().cloned().collect();
+            search(path, &mut visited, &mut found)?;
             if found.len() == before {
                 let problem = format!("expected {} in it, found none", RECORD_FILES.join(" or "));
                 return Err(Error::invalid(path.display().to_string(), problem));
@@ -158,13 +179,15 @@ fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-fn search(folder: &Path, out: Option<&Path>, found: &mut Vec<PathBuf>) -> Result<()> {
-    if out.is_some() && folder.canonicalize().ok().as_deref() == out {
+/// Each folder once, by its real path; those in `visited` not at all.
+fn search(folder: &Path, visited: &mut BTreeSet<PathBuf>, found: &mut Vec<PathBuf>) -> Result<()> {
+    let real = folder.canonicalize();
+    if !visited.insert(real.map_err(mvs_datasets::Error::io(folder, "read"))?) {
         return Ok(());
     }
     for path in provenance::sorted_entries(folder)? {
-        if path.is_dir() && !path.is_symlink() {
-            search(&path, out, found)?;
+        if path.is_dir() {
+            search(&path, visited, found)?;
         } else if RECORD_FILES.iter().any(|name| path.ends_with(name)) {
             found.push(path);
         }

@@ -87,10 +87,11 @@ impl Cell {
 }
 
 /// Checks a table in the papers' or the site's form, as CSV: columns `method` and `metric` in any
-/// order, then one per scene and if present `Average` (or `mean`). Columns before `method` tell
+/// order, then one per scene and if present one whose name begins with `Average`, `Mean` or `Avg`.
+/// Columns before `method` tell
 /// tables apart that share a file; `rank` and `mean rank` and lines that begin with `#` are passed
 /// over. Empty cells and dashes are missing, a † after a number too is. A number keeps its scale, so
-/// that fractions and percents are checked alike.
+/// that fractions and percents are checked alike. A table of which nothing can be recomputed is refused.
 pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     let mut reader = csv::ReaderBuilder::new()
         .comment(Some(b'#'))
@@ -139,7 +140,16 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
         return Err(FormatError::new("table", problem));
     }
     boards.iter_mut().for_each(fill);
-    Ok(checked(&columns, &boards))
+    let checked = checked(&columns, &boards);
+    if checked.f_scores + checked.averages == 0 {
+        let problem = format!(
+            "expected F-scores beside precision and recall, or a column `Average`, `Mean` or `Avg` beside \
+             whole rows, found nothing to recompute in the columns {}",
+            columns.join(", ")
+        );
+        return Err(FormatError::new("table", problem));
+    }
+    Ok(checked)
 }
 
 /// What belongs to `key`, new at the end where it is not there yet.
@@ -170,10 +180,13 @@ fn fill((_, methods): &mut Board) {
     }
 }
 
-fn is_average(column: &str) -> bool {
-    ["average", "mean", "avg"]
-        .iter()
-        .any(|name| column.eq_ignore_ascii_case(name))
+/// Whether the column's first word is `average`, `mean` or `avg`: `Avg.`, `Mean F`.
+pub(super) fn is_average(column: &str) -> bool {
+    let mut words = column.split(|character: char| !character.is_alphanumeric());
+    words.find(|word| !word.is_empty()).is_some_and(|first| {
+        let mut names = ["average", "mean", "avg"].iter();
+        names.any(|name| first.eq_ignore_ascii_case(name))
+    })
 }
 
 fn metric_of(name: &str) -> Result<String, String> {
@@ -271,6 +284,18 @@ fn check_method(result: &mut Checked, method: &str, columns: &[&str], metrics: &
             }
         }
     }
+}
+
+/// Where these cells' F-score is none that their precision and recall have, whatever their unrounded
+/// values are: the F-score in the middle of what they have. `None` where a cell holds no number.
+pub(super) fn f_slip(precision: &str, recall: &str, f_score: &str) -> Option<f64> {
+    let number = |cell: &str| parsed(cell).ok().and_then(Cell::printed);
+    let (low, high) = f_range(number(precision), number(recall))?;
+    let printed = number(f_score)?;
+    // A hair for the rounding of what was computed from counts.
+    let slack = printed.half_unit + 1e-12;
+    let follows = printed.value + slack >= low && printed.value - slack <= high;
+    (!follows).then_some(0.5 * (low + high))
 }
 
 /// The averages that the scenes' unrounded values could have; `None` when a scene is missing.
@@ -382,6 +407,26 @@ mod tests {
         for (mean, slips) in [("5.5e-1", 0), ("5e-1", 0), ("5.8e-1", 1), ("580e-3", 1)] {
             let found = check(table(mean).as_bytes()).unwrap().slips;
             assert_eq!(found.len(), slips, "{mean}");
+        }
+    }
+
+    #[test]
+    fn averages_by_any_name_are_checked_and_nothing_to_check_is_said() {
+        let table = |name: &str| format!("method,metric,A,B,{name}\nm,recall,0.5,0.6,0.7\n");
+        for name in ["Average", "mean", "Avg.", "Mean F", "AVG (2)"] {
+            let found = check(table(name).as_bytes()).unwrap();
+            assert_eq!((found.averages, found.slips.len()), (1, 1), "{name}");
+        }
+        for table in [
+            table("Meanwhile"),
+            table("C"),
+            "method,metric,A,Mean\nm,recall,–,0.5\n".into(),
+        ] {
+            let problem = check(table.as_bytes()).unwrap_err().to_string();
+            assert!(
+                problem.contains("found nothing to recompute in the columns A"),
+                "{problem}"
+            );
         }
     }
 

@@ -1,5 +1,7 @@
 //! Two sets of records side by side: what became better, what worse, beyond the stated uncertainty.
 
+use super::basis;
+use super::leaderboard::is_sound;
 use super::record::Record;
 use crate::error::{Error, Result};
 use serde::Serialize;
@@ -10,11 +12,12 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct CompareOptions {
     /// F-score differences up to this are no differences, whatever the records' intervals say.
     pub tolerance: f64,
-    /// Whether sets of different protocols or profiles may be compared at all.
+    /// Whether sets of different protocols, profiles, truths, crops or samplings of meshes may be
+    /// compared at all.
     pub mixing: Mixing,
 }
 
-/// What to do about records of different protocols or profiles.
+/// What to do about records whose numbers mean different things.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Mixing {
     /// An error.
@@ -66,10 +69,13 @@ pub struct Difference {
 pub struct Comparison {
     /// Cells of both.
     pub differences: Vec<Difference>,
-    /// Cells that have an F-score in the first set alone: the second misses them, or failed there.
+    /// Cells that have an F-score in the first set alone, or one that passed its gates there alone: the
+    /// second misses them, or its status follows in brackets.
     pub lost: Vec<String>,
-    /// Cells that have an F-score in the second set alone.
+    /// Cells that have an F-score in the second set alone, or one that passed its gates there alone.
     pub gained: Vec<String>,
+    /// Cells of both that rest on another truth, crop or sampling of meshes, and on which.
+    pub mixed: Vec<String>,
 }
 
 impl Comparison {
@@ -80,9 +86,13 @@ impl Comparison {
     }
 }
 
-/// Compares the F-scores of `after` with those of `before`. Methods are paired by name, unless both
-/// sets hold a single one. Fails when the scores are of different protocols, profiles or units, when a
-/// cell is there twice, or when they have no cell in common.
+/// Compares the F-scores of `after` with those of `before`. A score whose status is not `ok` is no score
+/// beside one whose status is, as in leaderboards; two such are compared. Methods are paired by name,
+/// unless both sets hold a single one.
+///
+/// Fails when the scores are of different protocols, profiles or units, or a cell's of different truths,
+/// crops or samplings of meshes, unless they may be mixed; when a cell is there twice; or when the sets
+/// have no cell in common.
 pub fn compare(
     before: &[Record],
     after: &[Record],
@@ -100,30 +110,68 @@ pub fn compare(
     let mut comparison = Comparison::default();
     for (cell, old) in &first {
         let Some(before) = old.fscore else { continue };
-        let new = second
-            .get(cell)
-            .and_then(|new| Some((new.fscore?, half_width(new))));
-        let Some((after, half)) = new else {
-            comparison.lost.push(cell.clone());
+        let new = second.get(cell).copied();
+        let scored = new.and_then(|new| Some((new.fscore?, new)));
+        let Some((after, new)) = scored.filter(|(_, new)| is_sound(new) || !is_sound(old)) else {
+            comparison.lost.push(with_status(cell, new));
             continue;
         };
-        let uncertainty = half_width(old).hypot(half).max(options.tolerance);
+        if is_sound(new) && !is_sound(old) {
+            comparison.gained.push(with_status(cell, Some(old)));
+            continue;
+        }
+        if let Some(change) = basis::change(old, new) {
+            comparison.mixed.push(format!("{cell}: {change}"));
+        }
+        let uncertainty = half_width(old)
+            .hypot(half_width(new))
+            .max(options.tolerance);
         comparison
             .differences
             .push(difference(cell, (before, after), uncertainty));
     }
+    if options.mixing == Mixing::Refused && !comparison.mixed.is_empty() {
+        return Err(mixed(&comparison.mixed));
+    }
     let unscored = |cell: &&String| first.get(*cell).is_none_or(|old| old.fscore.is_none());
     let new_cells = second.iter().filter(|(_, new)| new.fscore.is_some());
-    let new_cells = new_cells.map(|(cell, _)| cell).filter(unscored);
-    comparison.gained = new_cells.cloned().collect();
-    // What was scored before and failed after is in both.
-    let failed = comparison.lost.iter().any(|cell| second.contains_key(cell));
-    if comparison.differences.is_empty() && !failed {
+    let new_cells = new_cells.filter(|(cell, _)| unscored(cell));
+    let new_cells = new_cells.map(|(cell, new)| with_status(cell, Some(*new)));
+    comparison.gained.extend(new_cells);
+    comparison.gained.sort();
+    // What was scored on one side and failed on the other is in both.
+    let in_both = |(cell, old): (&String, &&Record)| {
+        let new = second.get(cell);
+        new.is_some_and(|new| old.fscore.or(new.fscore).is_some())
+    };
+    if !first.iter().any(in_both) {
         let problem = "expected cells with an F-score in both, found none: the sets have no method, \
                        scene and threshold in common";
         return Err(Error::invalid("compare", problem));
     }
     Ok(comparison)
+}
+
+/// The cell; with the status of its record in brackets, where that is not `ok`.
+fn with_status(cell: &str, record: Option<&Record>) -> String {
+    match record.filter(|record| !is_sound(record)) {
+        Some(record) => format!("{cell} ({})", record.status),
+        None => cell.to_owned(),
+    }
+}
+
+fn mixed(cells: &[String]) -> Error {
+    let more = match cells.len() {
+        0 | 1 => String::new(),
+        several => format!(" (and so in {} more cells)", several - 1),
+    };
+    let problem = format!(
+        "expected both sets scored against the same truths, in the same crops and with the same sampling \
+         of meshes, found {}{more}; their numbers mean different things (allow mixing to compare them all the \
+         same)",
+        cells.first().map_or("", String::as_str)
+    );
+    Error::invalid("compare", problem)
 }
 
 fn difference(cell: &str, (before, after): (f64, f64), uncertainty: f64) -> Difference {
@@ -270,6 +318,24 @@ mod tests {
     }
 
     #[test]
+    fn a_score_that_failed_its_gates_is_lost_whatever_its_number() {
+        let failed = |f: f64| Record {
+            status: "gate: few-inliers".into(),
+            ..record("Barn", f, 0.0)
+        };
+        let sound = [record("Barn", 0.5, 0.0)];
+        let lost = compared(&sound, &[failed(0.6)]);
+        assert_eq!(lost.lost, ["Barn · τ 0.01 (gate: few-inliers)"]);
+        assert!(lost.is_regression() && lost.differences.is_empty());
+        let gained = compared(&[failed(0.6)], &sound);
+        assert_eq!(gained.gained, ["Barn · τ 0.01 (gate: few-inliers)"]);
+        assert!(!gained.is_regression() && gained.differences.is_empty());
+        // Neither is any better than its status: what they say is all there is to compare.
+        let both = compared(&[failed(0.6)], &[failed(0.5)]);
+        assert_eq!(both.differences[0].outcome, Outcome::Worse);
+    }
+
+    #[test]
     fn protocols_are_not_mixed_unless_told() {
         let before = [record("Barn", 0.5, 0.0)];
         let mut other = record("Barn", 0.4, 0.0);
@@ -285,6 +351,36 @@ mod tests {
             ..CompareOptions::default()
         };
         assert!(compare(&before, &after, &options).unwrap().is_regression());
+    }
+
+    #[test]
+    fn another_truth_crop_or_sampling_is_refused_by_name_unless_mixed() {
+        let of = |truth: &str, crop: &str, f: f64| Record {
+            truth_sha256: truth.into(),
+            crop_sha256: crop.into(),
+            ..record("Barn", f, 0.0)
+        };
+        let before = [of("aa", "", 0.5)];
+        let options = CompareOptions::default();
+        for (after, said) in [
+            (of("bb", "", 0.6), "Barn · τ 0.01: truth aa and bb;"),
+            (of("aa", "cc", 0.6), "Barn · τ 0.01: crop none and cc;"),
+        ] {
+            let error = compare(&before, std::slice::from_ref(&after), &options).unwrap_err();
+            assert!(error.to_string().contains(said), "{error}");
+            let mixed = CompareOptions {
+                mixing: Mixing::Allowed,
+                ..options.clone()
+            };
+            let compared = compare(&before, &[after], &mixed).unwrap();
+            assert_eq!(compared.differences[0].outcome, Outcome::Better);
+            assert_eq!(compared.mixed.len(), 1);
+        }
+        // Nothing is known of the truth of records put together by hand.
+        assert_eq!(
+            compared(&before, &[record("Barn", 0.5, 0.0)]).mixed.len(),
+            0
+        );
     }
 
     #[test]

@@ -146,6 +146,7 @@ mod tests {
         let curves = Curves {
             title: "Barn",
             tau: 0.01,
+            at_tau: (0.75, 0.2),
             unit: "m",
             distances: &distances,
             precision: &precision,

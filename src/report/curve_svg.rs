@@ -16,6 +16,9 @@ pub struct Curves<'a> {
     pub title: &'a str,
     /// The threshold, marked by a line; the plot reaches to the last distance, 5 τ as a rule.
     pub tau: f64,
+    /// Precision and recall at the threshold as they were scored, 0 to 1. The curves' bins may count points
+    /// that lie exactly at the threshold, which scores do not.
+    pub at_tau: (f64, f64),
     /// The unit of distances; may be empty.
     pub unit: &'a str,
     /// Distances in `unit`.
@@ -56,15 +59,13 @@ pub(super) fn plot(curves: &Curves) -> Result<Plot> {
     let pairs = curves.precision.iter().zip(curves.recall);
     let f_score: Vec<f64> = pairs.map(|(&p, &r)| harmonic(p, r)).collect();
     let end = curves.distances[curves.distances.len() - 1];
-    let beyond = |distance: &f64| *distance > curves.tau * (1.0 + 1e-9);
-    let after = curves.distances.iter().position(beyond);
-    let index = after.unwrap_or(curves.distances.len()).max(1) - 1;
-    let line = |class, name, values: &[f64]| Line {
+    let (precision, recall) = curves.at_tau;
+    let line = |class, name, values: &[f64], at_tau: f64| Line {
         class,
         name,
         points: polyline(curves.distances, values, end),
-        y_at_tau: y_of(values[index]),
-        percent: format!("{:.2}%", 100.0 * values[index]),
+        y_at_tau: y_of(at_tau),
+        percent: format!("{:.2}%", 100.0 * at_tau),
     };
     let fifths = (0..=5).map(|fifth| f64::from(fifth) / 5.0);
     let unit = match curves.unit {
@@ -77,11 +78,11 @@ pub(super) fn plot(curves: &Curves) -> Result<Plot> {
             .collect(),
         columns: columns(curves.tau, end),
         caption: format!("distance to the other cloud, τ = {}{unit}", curves.tau),
-        at_tau: x_of(curves.distances[index].clamp(0.0, end), end),
+        at_tau: x_of(curves.tau.min(end), end),
         lines: [
-            line("f", "F-score", &f_score),
-            line("p", "precision", curves.precision),
-            line("r", "recall", curves.recall),
+            line("f", "F-score", &f_score, harmonic(precision, recall)),
+            line("p", "precision", curves.precision, precision),
+            line("r", "recall", curves.recall, recall),
         ],
     })
 }
@@ -129,11 +130,13 @@ fn check(curves: &Curves) -> Result<()> {
         );
         return Err(Error::invalid("curves", problem));
     }
+    let (precision, recall) = curves.at_tau;
     let fractions = curves.precision.iter().chain(curves.recall);
+    let mut fractions = fractions.chain([&precision, &recall]);
     let ascending = curves.distances.windows(2).all(|pair| pair[0] < pair[1]);
     let finite = curves.distances.iter().all(|distance| distance.is_finite());
     let positive = curves.distances[count - 1] > 0.0 && curves.tau > 0.0 && curves.tau.is_finite();
-    if !(ascending && finite && positive && fractions.clone().all(|f| (0.0..=1.0).contains(f))) {
+    if !(ascending && finite && positive && fractions.all(|f| (0.0..=1.0).contains(f))) {
         let problem = "expected ascending distances, a threshold above 0 and fractions from 0 to 1";
         return Err(Error::invalid("curves", problem));
     }
@@ -301,16 +304,32 @@ mod tests {
     }
 
     fn drawn() -> String {
+        drawn_with((1.0 - (-2.5f64).exp(), 1.0 - (-1.0 / 1.2f64).exp()))
+    }
+
+    fn drawn_with(at_tau: (f64, f64)) -> String {
         let (distances, precision, recall) = sample();
         let curves = Curves {
             title: "Barn <method & \"co\">",
             tau: 0.01,
+            at_tau,
             unit: "m",
             distances: &distances,
             precision: &precision,
             recall: &recall,
         };
         svg(&curves).unwrap()
+    }
+
+    /// Where points lie exactly at the threshold, a curve's bin there may count them, scores never do.
+    #[test]
+    fn numbers_at_tau_are_the_scores_where_the_curves_say_otherwise() {
+        let text = drawn_with((0.25, 0.75));
+        for value in ["25.00%", "75.00%", "37.50%"] {
+            assert!(text.contains(&format!(">{value}<")), "{value}");
+        }
+        let y = format!("cy=\"{:.1}\"", y_of(0.25));
+        assert!(text.contains(&y));
     }
 
     #[test]
@@ -347,6 +366,7 @@ mod tests {
             let curves = Curves {
                 title: "",
                 tau: 1.0,
+                at_tau: (0.5, 0.5),
                 unit: "",
                 distances,
                 precision,

@@ -2,12 +2,15 @@
 //! splits, units or thresholds never stand in one board.
 //!
 //! A record whose status is not `ok` failed, or failed a gate: its value, if it has one, is shown and
-//! takes no part in ranks and means.
+//! takes no part in ranks and means. So is one that was scored against another truth, in another crop or
+//! with another sampling of meshes than most of its scene; boards say so in its status.
 
+use super::basis;
 pub use super::leaderboard_tables::{paper_tables, site_tables};
 use super::record::Record;
+pub use super::thresholds::NO_THRESHOLD;
+use super::thresholds::{boards_of, main_thresholds};
 use crate::error::{Error, Result};
-use mvs_datasets::layout::tnt::known_tolerance;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The scenes of Tanks and Temples in the order of its site: training, intermediate, advanced.
@@ -104,8 +107,8 @@ pub struct Common {
     pub split: String,
     /// The unit of distances.
     pub unit: String,
-    /// The threshold as text on the boards of further thresholds of a scene; empty where each scene
-    /// has its own.
+    /// The threshold as text on the boards of further thresholds of a scene, [`NO_THRESHOLD`] on that
+    /// of scores without one beside scores that have one; empty where each scene has its own.
     pub threshold: String,
 }
 
@@ -177,9 +180,11 @@ pub(super) fn has_values(record: &Record) -> bool {
 
 /// Sorts records into boards. A scene that was scored at several thresholds stands in the main board
 /// at its known one (or the commonest), and in boards of their own at the others; where every scene
-/// has several unknown ones, each threshold has a board.
+/// has several unknown ones, each threshold has a board. Fractions without a threshold have a board of
+/// their own where others of their scene have one.
 ///
-/// Fails when a method has two records for the same cell, or a value is no number.
+/// Fails when a method has two records for the same cell, when two methods have the same label, or when a
+/// value is no number.
 pub fn boards(records: &[Record]) -> Result<Vec<Board>> {
     let mut groups: BTreeMap<Common, Vec<&Record>> = BTreeMap::new();
     for record in records {
@@ -214,61 +219,6 @@ fn common(record: &Record) -> Common {
     }
 }
 
-/// Per scene the threshold of the main board, as bits. An error where no scene tells which of its
-/// several thresholds is the main one: all of them, as texts.
-fn main_thresholds<'a>(
-    records: &[&'a Record],
-) -> std::result::Result<BTreeMap<&'a str, u64>, BTreeSet<String>> {
-    let mut scenes: BTreeMap<&str, BTreeMap<u64, usize>> = BTreeMap::new();
-    let mut everywhere: BTreeMap<u64, usize> = BTreeMap::new();
-    for record in records {
-        let Some(threshold) = record.threshold else {
-            continue;
-        };
-        let of_scene = scenes.entry(&record.scene).or_default();
-        *of_scene.entry(threshold.to_bits()).or_default() += 1;
-        *everywhere.entry(threshold.to_bits()).or_default() += 1;
-    }
-    let known = |scene: &str| known_tolerance(scene).map(f64::to_bits);
-    let settled = |(scene, found): (&&str, &BTreeMap<u64, usize>)| {
-        found.len() == 1 || known(scene).is_some_and(|tau| found.contains_key(&tau))
-    };
-    if !scenes.is_empty() && !scenes.iter().any(settled) {
-        let texts = everywhere
-            .keys()
-            .map(|&bits| f64::from_bits(bits).to_string());
-        return Err(texts.collect());
-    }
-    let main = |scene: &str, found: &BTreeMap<u64, usize>| {
-        let known = known(scene).filter(|tau| found.contains_key(tau));
-        // Of the equally common, the smaller.
-        let often = |bits: &&u64| (found[*bits], everywhere[*bits], std::cmp::Reverse(**bits));
-        known.or_else(|| found.keys().max_by_key(often).copied())
-    };
-    let scenes = scenes.iter();
-    Ok(scenes
-        .filter_map(|(&scene, found)| Some((scene, main(scene, found)?)))
-        .collect())
-}
-
-/// The boards that a record stands in, by their threshold's text.
-fn boards_of(
-    record: &Record,
-    main: std::result::Result<&BTreeMap<&str, u64>, &BTreeSet<String>>,
-) -> Vec<String> {
-    match (record.threshold, main) {
-        (Some(threshold), Ok(main))
-            if main.get(record.scene.as_str()) == Some(&threshold.to_bits()) =>
-        {
-            vec![String::new()]
-        }
-        (Some(threshold), _) => vec![threshold.to_string()],
-        (None, Ok(_)) => vec![String::new()],
-        // A failure that has no threshold is missing from all of them.
-        (None, Err(all)) => all.iter().cloned().collect(),
-    }
-}
-
 fn label(record: &Record) -> String {
     if record.group.is_empty() {
         return record.method.clone();
@@ -287,8 +237,13 @@ fn board(common: Common, records: &[&Record]) -> Result<Board> {
     scenes.sort_by(|a, b| site_place(a).cmp(&site_place(b)));
     let mut thresholds = vec![None; scenes.len()];
     let mut rows: BTreeMap<String, Vec<Option<Record>>> = BTreeMap::new();
+    let mut systems: BTreeMap<String, (&str, &str)> = BTreeMap::new();
     for &record in records {
         check(record)?;
+        let system = (record.method.as_str(), record.group.as_str());
+        if *systems.entry(label(record)).or_insert(system) != system {
+            return Err(alike(record));
+        }
         let row = rows
             .entry(label(record))
             .or_insert_with(|| vec![None; scenes.len()]);
@@ -301,6 +256,10 @@ fn board(common: Common, records: &[&Record]) -> Result<Board> {
                 return Err(duplicate(record));
             }
         }
+    }
+    for index in 0..scenes.len() {
+        let of_scene = rows.values_mut().filter_map(|row| row[index].as_mut());
+        basis::set_apart(&mut of_scene.collect::<Vec<_>>());
     }
     let entries = rows
         .into_iter()
@@ -326,6 +285,15 @@ fn check(record: &Record) -> Result<()> {
         }
     }
     Ok(())
+}
+
+fn alike(record: &Record) -> Error {
+    let problem = format!(
+        "expected methods that look different, found two that look like {}: one has its group in \
+         brackets, the other brackets in its name; give one of them another name",
+        label(record)
+    );
+    Error::invalid("records", problem)
 }
 
 fn duplicate(record: &Record) -> Error {
@@ -363,6 +331,33 @@ impl Board {
     pub fn has(&self, metric: Metric) -> bool {
         let mut records = self.entries.iter().flat_map(|entry| &entry.records);
         records.any(|record| record.as_ref().is_some_and(|r| metric.of(r).is_some()))
+    }
+
+    /// A sentence per scene whose records rest on different truths, crops or samplings of meshes.
+    pub fn not_comparable(&self) -> Vec<String> {
+        let apart = |scene: usize| {
+            let of_scene = |entry: &&Entry| {
+                entry.records[scene]
+                    .as_ref()
+                    .is_some_and(basis::is_set_apart)
+            };
+            let labels = self
+                .entries
+                .iter()
+                .filter(of_scene)
+                .map(|entry| entry.label.as_str());
+            labels.collect::<Vec<_>>().join(", ")
+        };
+        let scenes = self.scenes.iter().enumerate();
+        let named = scenes.map(|(nth, scene)| (scene, apart(nth)));
+        let sentences = named.filter(|(_, labels)| !labels.is_empty()).map(|(scene, labels)| {
+            format!(
+                "scores of {scene} are against different truths, crops or samplings of meshes: {labels} \
+                 stand with a † and take no part in ranks and means (the notes say what differs; score \
+                 them alike)"
+            )
+        });
+        sentences.collect()
     }
 
     /// The methods by mean rank, then mean, then name. Those that miss a scene, or whose score of one

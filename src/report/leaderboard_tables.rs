@@ -1,9 +1,25 @@
 //! Boards as tables: in the form of the benchmark's site and in the papers'.
 
-use super::leaderboard::{Board, Entry, Metric, Ranked, Value, has_values, is_sound, mean};
+use super::check::is_average;
+use super::leaderboard::{
+    Board, Common, Entry, Metric, NO_THRESHOLD, Ranked, Value, has_values, is_sound, mean,
+};
 use super::record::Record;
 use super::table::{Better, Cell, MISSING, Marks, SUSPECT, Table, emphasise};
 use std::collections::BTreeSet;
+
+/// What columns hold that are no scene's, beside averages.
+const OTHER_COLUMNS: [&str; 9] = [
+    "method",
+    "metric",
+    "rank",
+    "mean rank",
+    "protocol",
+    "profile",
+    "split",
+    "threshold",
+    "unit",
+];
 
 /// The boards as the benchmark's site shows them: one table per board and metric, methods ranked,
 /// percent with two decimals (distances with four), best bold and second underlined. Values that
@@ -18,12 +34,16 @@ pub fn site_tables(boards: &[Board]) -> Vec<Table> {
                 // Nothing but failures: the table says so.
                 metrics.push(Metric::FScore);
             }
-            metrics.into_iter().map(|metric| site_table(board, metric))
+            let named = Named::among(board, boards);
+            metrics
+                .into_iter()
+                .map(move |metric| site_table(named, metric))
         })
         .collect()
 }
 
-fn site_table(board: &Board, metric: Metric) -> Table {
+fn site_table(named: Named<'_>, metric: Metric) -> Table {
+    let board = named.board;
     let ranked = board.ranking(metric);
     let shown = |value: Option<f64>| match value {
         Some(value) if metric.is_fraction() => format!("{:.2}", 100.0 * value),
@@ -59,11 +79,11 @@ fn site_table(board: &Board, metric: Metric) -> Table {
     let mut header: Vec<String> = ["method", "rank", "mean rank", "mean"]
         .map(String::from)
         .to_vec();
-    header.extend(board.scenes.iter().cloned());
-    let mut identity = board.identity();
+    header.extend(board.scenes.iter().map(|scene| column_of(scene)));
+    let mut identity = named.identity();
     identity.push(("metric".into(), metric.name().into()));
     Table {
-        title: board.title(metric.name()),
+        title: named.title(metric.name()),
         identity,
         notes: board.notes(),
         header,
@@ -77,10 +97,13 @@ fn site_table(board: &Board, metric: Metric) -> Table {
 /// and their average, fractions with three decimals, best F-score bold. Methods by name.
 pub fn paper_tables(boards: &[Board]) -> Vec<Table> {
     let printable = boards.iter().filter(|board| board.has(Metric::FScore));
-    printable.map(paper_table).collect()
+    printable
+        .map(|board| paper_table(Named::among(board, boards)))
+        .collect()
 }
 
-fn paper_table(board: &Board) -> Table {
+fn paper_table(named: Named<'_>) -> Table {
+    let board = named.board;
     let shown =
         |value: Option<f64>| value.map_or(MISSING.to_owned(), |value| format!("{value:.3}"));
     let wanted = [Metric::Precision, Metric::Recall, Metric::FScore];
@@ -112,17 +135,26 @@ fn paper_table(board: &Board) -> Table {
         emphasise(&mut cells, &values, Better::Higher, Marks::Best);
     }
     let mut header = vec!["method".to_owned(), "metric".to_owned()];
-    header.extend(board.scenes.iter().cloned());
+    header.extend(board.scenes.iter().map(|scene| column_of(scene)));
     header.push("Average".into());
     Table {
-        title: board.title("Precision, recall and F-score"),
-        identity: board.identity(),
+        title: named.title("Precision, recall and F-score"),
+        identity: named.identity(),
         notes: board.notes(),
         header,
         labels: 2,
         rows_per_method: metrics.len(),
         rows,
     }
+}
+
+/// The name of a scene's column: the scene's, unless another column of our tables has it.
+fn column_of(scene: &str) -> String {
+    let mut taken = OTHER_COLUMNS.iter();
+    if is_average(scene) || taken.any(|name| scene.eq_ignore_ascii_case(name)) {
+        return format!("scene {scene}");
+    }
+    scene.to_owned()
 }
 
 fn better(metric: Metric) -> Better {
@@ -203,25 +235,57 @@ impl Board {
         }
         notes
     }
+}
+
+/// A board, and whether its unit tells it apart from another one.
+#[derive(Clone, Copy)]
+struct Named<'a> {
+    board: &'a Board,
+    by_unit: bool,
+}
+
+impl<'a> Named<'a> {
+    fn among(board: &'a Board, boards: &[Board]) -> Self {
+        let differs_in_unit_alone = |other: &Board| {
+            let unit = board.common.unit.clone();
+            let same = Common {
+                unit,
+                ..other.common.clone()
+            };
+            other.common != board.common && same == board.common
+        };
+        Self {
+            board,
+            by_unit: boards.iter().any(differs_in_unit_alone),
+        }
+    }
 
     fn identity(&self) -> Vec<(String, String)> {
-        let common = &self.common;
-        [
+        let common = &self.board.common;
+        let unit = self.by_unit.then_some(("unit", &common.unit));
+        let names = [
             ("protocol", &common.protocol),
             ("profile", &common.profile),
             ("split", &common.split),
             ("threshold", &common.threshold),
-        ]
-        .map(|(name, value)| (name.to_owned(), value.clone()))
-        .to_vec()
+        ];
+        let names = names.into_iter().chain(unit);
+        names
+            .map(|(name, value)| (name.to_owned(), value.clone()))
+            .collect()
     }
 
     fn title(&self, what: &str) -> String {
-        let common = &self.common;
+        let common = &self.board.common;
         let mut parts = vec![what.to_owned()];
         let named = [&common.protocol, &common.profile, &common.split];
-        parts.extend(named.into_iter().filter(|part| !part.is_empty()).cloned());
-        if !common.threshold.is_empty() {
+        let named = named
+            .into_iter()
+            .chain(self.by_unit.then_some(&common.unit));
+        parts.extend(named.filter(|part| !part.is_empty()).cloned());
+        if common.threshold == NO_THRESHOLD {
+            parts.push("no threshold given".to_owned());
+        } else if !common.threshold.is_empty() {
             parts.push(format!(
                 "τ = {}{}",
                 common.threshold,

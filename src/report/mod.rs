@@ -1,5 +1,6 @@
 //! Records to files that people read. Pure: values in, bytes out.
 
+mod basis;
 mod canvas;
 pub mod check;
 mod cloud_payload;
@@ -20,3 +21,4 @@ pub mod table;
 pub mod table_csv;
 pub mod table_md;
 pub mod table_tex;
+mod thresholds;

@@ -1,5 +1,6 @@
 //! Records: one row per method, scene and threshold, as `results.csv` holds them.
 
+use super::check;
 use mvs_datasets::FormatError;
 use serde::{Deserialize, Serialize};
 use std::io::{Read, Write};
@@ -73,7 +74,8 @@ pub struct Record {
     pub schema: Schema,
     /// The procedure that turned distances into scores: `tnt`, `plain`, `eth3d`, `dtu`.
     pub protocol: String,
-    /// The named variant of the protocol: `official`, `strict`.
+    /// The named variant of the protocol: `official`, `strict`; of plain scores of thinned clouds `voxel`
+    /// and the voxels' edge.
     pub profile: String,
     /// The judged system.
     pub method: String,
@@ -184,6 +186,12 @@ impl Record {
         if found != known {
             return Some(format!("schema: expected {known}, found {found}"));
         }
+        let possible = |threshold: f64| threshold > 0.0 && threshold.is_finite();
+        if let Some(threshold) = self.threshold.filter(|&value| !possible(value)) {
+            return Some(format!(
+                "threshold: expected a distance above 0, found {threshold}"
+            ));
+        }
         let fractions = [
             ("precision", self.precision),
             ("recall", self.recall),
@@ -215,17 +223,19 @@ pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
 }
 
 /// Reads `results.csv`. The columns must be those of this version, in order; every fraction lies
-/// between 0 and 1.
+/// between 0 and 1, every threshold above 0, and F follows from precision and recall as far as their
+/// digits go.
 pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     let mut reader = csv::Reader::from_reader(source);
     let found = reader.headers().map_err(at_line(1))?.clone();
     check_header(&found)?;
     let mut records = Vec::new();
-    for (index, row) in reader.deserialize::<Record>().enumerate() {
+    for (index, row) in reader.records().enumerate() {
         // The header is line 1.
-        let line = index as u64 + 2;
-        let record = row.map_err(at_line(line))?;
-        if let Some(problem) = record.problem() {
+        let row = row.map_err(at_line(index as u64 + 2))?;
+        let line = row.position().map_or(index as u64 + 2, csv::Position::line);
+        let record: Record = row.deserialize(Some(&found)).map_err(in_cell(&row, line))?;
+        if let Some(problem) = record.problem().or_else(|| wrong_f_score(&row)) {
             return Err(FormatError::new(format!("line {line}"), problem));
         }
         records.push(record);
@@ -233,17 +243,24 @@ pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     Ok(records)
 }
 
+/// Says so where the F-score is none that precision and recall, by the digits they are given with, have.
+fn wrong_f_score(row: &csv::StringRecord) -> Option<String> {
+    let cell = |name: &str| {
+        let column = COLUMNS.iter().position(|column| *column == name)?;
+        row.get(column)
+    };
+    let f_score = cell("fscore")?;
+    let expected = check::f_slip(cell("precision")?, cell("recall")?, f_score)?;
+    Some(format!(
+        "fscore: expected {expected:.4}, which precision and recall give, found {f_score}; mend it, or \
+         leave precision and recall empty where F is something else"
+    ))
+}
+
 fn at_line(line: u64) -> impl FnOnce(csv::Error) -> FormatError {
     move |error| {
         let line = error.position().map_or(line, csv::Position::line);
         let problem = match error.kind() {
-            csv::ErrorKind::Deserialize { err, .. } => {
-                let column = err.field().and_then(|field| COLUMNS.get(field as usize));
-                match column {
-                    Some(column) => format!("{column}: {}", err.kind()),
-                    None => err.kind().to_string(),
-                }
-            }
             csv::ErrorKind::UnequalLengths {
                 expected_len, len, ..
             } => {
@@ -255,7 +272,37 @@ fn at_line(line: u64) -> impl FnOnce(csv::Error) -> FormatError {
     }
 }
 
+/// What is wrong with the cell that the error is of.
+fn in_cell(row: &csv::StringRecord, line: u64) -> impl FnOnce(csv::Error) -> FormatError {
+    move |error| {
+        let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
+            return at_line(line)(error);
+        };
+        let field = err.field().and_then(|field| usize::try_from(field).ok());
+        let place = field.and_then(|field| Some((COLUMNS.get(field)?, row.get(field)?)));
+        let expected = match err.kind() {
+            csv::DeserializeErrorKind::ParseInt(_) => "a whole number from 0 up, digits alone",
+            csv::DeserializeErrorKind::ParseFloat(_) => "a number such as 0.25",
+            _ => "",
+        };
+        let problem = match place {
+            Some((column, cell)) if !expected.is_empty() => {
+                format!("{column}: expected {expected}, found {cell}")
+            }
+            Some((column, _)) => format!("{column}: {}", err.kind()),
+            None => err.kind().to_string(),
+        };
+        FormatError::new(format!("line {line}"), problem)
+    }
+}
+
 fn check_header(found: &csv::StringRecord) -> Result<(), FormatError> {
+    let only = found.get(0).filter(|_| found.len() == 1);
+    if let Some(separator) = only.and_then(|cell| cell.chars().find(|c| [';', '\t'].contains(c))) {
+        let problem =
+            format!("expected cells separated by commas, found {separator:?}: save it with commas");
+        return Err(FormatError::new("header", problem));
+    }
     for (index, name) in COLUMNS.into_iter().enumerate() {
         let cell = found.get(index).unwrap_or("nothing");
         if cell != name {
@@ -326,6 +373,41 @@ mod tests {
     }
 
     #[test]
+    fn an_f_score_that_does_not_follow_is_refused_and_rounding_is_not_blamed() {
+        let full = record("a", "Barn", 0.01);
+        let table = |p: &str, r: &str, f: &str| {
+            let text = written(std::slice::from_ref(&full));
+            text.replace(
+                ",0.3333333333333333,0.30000000000000004,,",
+                &format!(",{p},{r},{f},"),
+            )
+        };
+        for (p, r, f) in [
+            ("0.442", "0.556", "0.492"),
+            ("0.442", "0.556", "0.493"),
+            ("0.3333333333333333", "0.1", "0.15384615384615383"),
+            ("0.3333333333333333", "0.1", "0.15384615384615388"),
+            ("", "0.1", "0.9"),
+            ("0", "0", "0"),
+        ] {
+            assert!(read(table(p, r, f).as_bytes()).is_ok(), "{p} {r} {f}");
+        }
+        for (p, r, f) in [
+            ("0.442", "0.556", "0.494"),
+            ("0.442", "0.556", "0.6"),
+            ("0.3333333333333333", "0.1000000000", "0.1538461999"),
+        ] {
+            let problem = read(table(p, r, f).as_bytes()).map(|_| "was read");
+            let problem = problem.unwrap_err().to_string();
+            assert!(
+                problem.starts_with("line 2: fscore: expected 0."),
+                "{problem}"
+            );
+            assert!(problem.contains(&format!("found {f};")), "{problem}");
+        }
+    }
+
+    #[test]
     fn bad_tables_are_refused_with_place_and_numbers() {
         let good = written(&[record("a", "b", 0.5)]);
         let fails = |text: &str| read(text.as_bytes()).unwrap_err().to_string();
@@ -336,17 +418,35 @@ mod tests {
         );
         let newer = good.replace("\n1,", "\n2,");
         assert_eq!(fails(&newer), "line 2: schema: expected 1, found 2");
+        for threshold in ["nan", "inf", "-1", "0"] {
+            let bad = good.replace(",0.5,", &format!(",{threshold},"));
+            let found = fails(&bad);
+            assert!(
+                found.starts_with("line 2: threshold: expected a distance above 0, found "),
+                "{found}"
+            );
+        }
         let renamed = good.replace("recall", "completeness");
         assert_eq!(
             fails(&renamed),
             "header, column 11: expected recall, found completeness"
         );
         let word = good.replace("0.3333333333333333", "third");
-        assert!(
-            fails(&word).starts_with("line 2: precision: "),
-            "{}",
-            fails(&word)
-        );
+        let said = "line 2: precision: expected a number such as 0.25, found third";
+        assert_eq!(fails(&word), said);
+        for count in ["\"1,000\"", "-3", "1.5"] {
+            let bad = good.replace("18446744073709551615", count);
+            let said = "line 2: n_rec_in: expected a whole number from 0 up, digits alone, found ";
+            assert_eq!(fails(&bad), format!("{said}{}", count.trim_matches('"')));
+        }
+        for (separator, said) in [(";", "found ';'"), ("\t", "found '\\t'")] {
+            let found = fails(&good.replace(',', separator));
+            assert!(
+                found.starts_with("header: expected cells separated by commas, "),
+                "{found}"
+            );
+            assert!(found.contains(said), "{found}");
+        }
         let short = format!("{good}1,tnt\n");
         assert_eq!(fails(&short), "line 3: expected 43 cells, found 2");
         assert!(fails("").contains("expected schema, found nothing"));

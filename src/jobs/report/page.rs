@@ -3,7 +3,7 @@
 use super::{RECORD_FILES, ReportJob};
 use crate::error::{Error, Result};
 use crate::jobs::Context;
-use crate::jobs::score::ScoreDocument;
+use crate::jobs::score::{SCHEMA, ScoreDocument};
 use crate::provenance;
 use crate::report::cloud_picture;
 use crate::report::curve_svg::{self, Curves};
@@ -15,6 +15,7 @@ use mvs_datasets::format::{image, ply};
 use mvs_datasets::layout::files;
 use mvs_metrics::distance::{self, Order};
 use mvs_metrics::{Curve, Tolerance};
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
 /// Score folders whose clouds are shown; of further ones the curves are, as long as they fit.
@@ -75,6 +76,7 @@ impl<'a> Scored<'a> {
         let svg = curve_svg::svg(&Curves {
             title: &name,
             tau: self.tau(),
+            at_tau: (self.document.precision, self.document.recall),
             unit: self.unit,
             distances: &precision.edges()[1..],
             precision: &precision.fractions(),
@@ -110,9 +112,20 @@ impl<'a> Scored<'a> {
 }
 
 fn read_document(folder: &Path) -> Result<ScoreDocument> {
+    /// What stands in every version of the file.
+    #[derive(Deserialize)]
+    struct Head {
+        schema: String,
+    }
     let path = folder.join("score.json");
-    serde_json::from_str(&files::read_text(&path)?)
-        .map_err(|error| Error::invalid(path.display().to_string(), error.to_string()))
+    let text = files::read_text(&path)?;
+    let broken = |problem: String| Error::invalid(path.display().to_string(), problem);
+    let head: Head = serde_json::from_str(&text).map_err(|error| broken(error.to_string()))?;
+    if head.schema != SCHEMA {
+        let found = head.schema;
+        return Err(broken(format!("schema: expected {SCHEMA}, found {found}")));
+    }
+    serde_json::from_str(&text).map_err(|error| broken(error.to_string()))
 }
 
 fn facts(folder: &Path, document: &ScoreDocument) -> (String, String) {
@@ -290,7 +303,8 @@ fn lead(tables: &[Table], folders: usize, whole: usize) -> String {
     format!(
         "Records of different protocols, profiles or thresholds stand in tables of their own: {} \
          here. Scores are in percent, the best bold, the second best underlined; – is a missing \
-         scene, † a score whose gates failed; a method with either has no mean and no rank.{more}",
+         scene, † a score that does not count (a gate failed, or it is against another truth than most); a \
+         method with either has no mean and no rank.{more}",
         tables.len()
     )
 }

@@ -106,6 +106,7 @@ fn write_plot(
     let curves = Curves {
         title: &title,
         tau: document.tolerance,
+        at_tau: (document.precision, document.recall),
         unit: row::unit_of(document.protocol),
         distances: &precision.edges()[1..],
         precision: &precision.fractions(),

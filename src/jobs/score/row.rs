@@ -21,7 +21,12 @@ fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
     let updates = alignment.icp.iter().map(|stage| stage.iterations as u64);
     let inputs = &document.inputs;
     let hash = |hash: &Option<String>| hash.clone().unwrap_or_default();
-    let profile = document.profile.map(|profile| profile.to_string());
+    // The edge of the voxels makes two procedures of the plain protocol; a profile brings its own.
+    let voxel = document.voxel.map(|edge| format!("voxel {edge}"));
+    let profile = document
+        .profile
+        .map(|profile| profile.to_string())
+        .or(voxel);
     let mesh = document.mesh_sampling.map(|mesh_as| mesh_as.to_string());
     Record {
         protocol: document.protocol.to_string(),

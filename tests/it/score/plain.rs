@@ -101,6 +101,79 @@ fn rows_name_their_inputs_by_sha256() {
     assert!(rows[0].rec_sha256.len() == 64 && rows[0].log_sha256.is_empty());
 }
 
+/// One point exactly τ away is no hit; the toolbox's bin at τ, whose edge is τ / 100 · 100, counts it.
+#[test]
+fn the_plot_says_the_score_where_points_lie_exactly_at_the_tolerance() {
+    let (fixture, job) = fixture();
+    fixture.put_cloud("truth.ply", vec![DVec3::ZERO]);
+    fixture.put_cloud("raised.ply", vec![DVec3::X * 0.007]);
+    let job = ScoreJob {
+        tau: vec![0.007],
+        ..job
+    };
+    let document = run(&job).unwrap();
+    assert_eq!(document.f_score, 0.0);
+    let curve = read(&job.out, "truth.precision.txt");
+    assert!(curve.lines().nth(99).unwrap().starts_with("1.0"), "no tie");
+    let svg = read(&job.out, "PR_truth_@d_th_0_0070.svg");
+    assert_eq!(svg.matches(">0.00%<").count(), 3);
+}
+
+/// One cloud, thinned in three ways and cropped in one: no two of the voxels share a board or are
+/// compared, and the crop stands beside its scene's others with a mark.
+#[test]
+fn voxels_have_boards_of_their_own_and_crops_are_told_apart() {
+    let (fixture, job) = fixture();
+    let crop = r#"{"class_name": "SelectionPolygonVolume", "orthogonal_axis": "Z", "axis_min": -9,
+        "axis_max": 9, "bounding_polygon": [[-9, -9, 0], [0.1, -9, 0], [0.1, 9, 0], [-9, 9, 0]]}"#;
+    write(&fixture.path("crop.json"), crop);
+    let score = |out: &str, voxel: Option<f64>, crop: bool| {
+        run(&ScoreJob {
+            method: Some(out.into()),
+            tau: vec![0.02],
+            voxel,
+            crop: crop.then(|| fixture.path("crop.json")),
+            out: fixture.path(&format!("scores/{out}")),
+            ..job.clone()
+        })
+        .unwrap();
+    };
+    score("as-it-is", None, false);
+    score("again", None, false);
+    score("coarse", Some(0.2), false);
+    score("fine", Some(0.01), false);
+    score("cropped", None, true);
+    let (scores, report) = (fixture.path("scores"), fixture.path("report"));
+    let made = mvs_eval(&["report", text(&scores), "--out", text(&report)]);
+    assert_eq!(made.status.code(), Some(0), "{}", stderr(&made));
+    let said = stderr(&made);
+    assert!(
+        said.contains("[not-comparable]") && said.contains("cropped"),
+        "{said}"
+    );
+    let table = read(&report, "leaderboard.md");
+    for title in ["plain", "plain · voxel 0.01", "plain · voxel 0.2"] {
+        assert!(
+            table.contains(&format!("## F-score · {title}\n")),
+            "{table}"
+        );
+    }
+    assert!(table.contains("| cropped | – | – | – | "), "{table}");
+    assert!(table.contains("| as-it-is | 1 | "), "{table}");
+    let compare = |before: &str, more: &[&str]| {
+        let (before, after) = (scores.join(before), scores.join("as-it-is"));
+        mvs_eval(&[&["compare", text(&before), text(&after)], more].concat())
+    };
+    for (before, said) in [("coarse", "voxel 0.2"), ("cropped", "crop ")] {
+        let refused = compare(before, &[]);
+        assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+        assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
+    }
+    let mixed = compare("cropped", &["--mix"]);
+    assert!(mixed.status.code() < Some(2), "{}", stderr(&mixed));
+    assert!(stderr(&mixed).contains("[mixed]"), "{}", stderr(&mixed));
+}
+
 #[test]
 fn what_does_not_go_together_gets_a_sentence() {
     let (_fixture, job) = fixture();
