@@ -222,7 +222,7 @@ fn what_a_scene_follows_from_is_what_was_read_and_nothing_beside_it() {
 #[test]
 fn a_set_is_not_made_of_its_own_files() {
     let folder = tempfile::tempdir().unwrap();
-    let extras = ["--name", "own", "--extras", "input-images"];
+    let extras = ["--extras", "input-images"];
     succeed(folder.path(), &extras);
     let scene = scene_of(&folder.path().join("dataset"));
     for photographs in ["input_images", "blended_images"] {
