@@ -76,9 +76,7 @@ impl PhotoFolder {
 
     /// The (width, height) in pixels that a view's photograph has.
     pub fn size(&self, view: &View) -> Result<(u32, u32)> {
-        let path = self.path(view)?;
-        let bytes = std::fs::read(path).map_err(mvs_datasets::Error::io(path, "read"))?;
-        Ok(image::read_size(&bytes).map_err(mvs_datasets::Error::in_file(path))?)
+        Ok(files::read_with(self.path(view)?, image::read_size)?)
     }
 
     /// The files, by view id.
