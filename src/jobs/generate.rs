@@ -95,11 +95,11 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let roots = roots_of(job)?;
     let blank = Run::new("generate", job, &Inputs::default())?;
     for (root, _) in &roots {
-        OutDir::check_again(&root.join(&id), &blank, context.force)?;
+        OutDir::check_again(&root.join(&id), &blank, context.force).map_err(of_unfinished)?;
     }
     let scene = read_cameras(job, context)?;
     let photographs = PhotoFolder::open(&job.photos, scene.views())?;
-    if let Some(warning) = photographs.warning() {
+    for warning in photographs.warnings() {
         context.warnings.add(&warning.code, warning.message);
     }
     let sources = chosen_sources(job, scene.views())?;
@@ -110,7 +110,8 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let create = |(root, _): &(PathBuf, _)| {
         OutDir::create_again(&root.join(&id), run.clone(), context.force)
     };
-    let mut outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
+    let outs = roots.iter().map(create).collect::<Result<Vec<_>>>();
+    let mut outs = outs.map_err(of_unfinished)?;
     let source = Source {
         name: &name,
         id: &id,
@@ -150,6 +151,19 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         });
     }
     Ok(GenerateOutcome { sets })
+}
+
+/// Says of a folder that is in the way, if so it is, that its result is not finished.
+fn of_unfinished(error: Error) -> Error {
+    match error {
+        Error::Exists { path } if path.join(blended::UNFINISHED).is_file() => {
+            let problem = "expected an unfinished result of the same options and inputs, found one of \
+                           others (a file that was read has changed, perhaps): give --force to go on; \
+                           finished views that follow from what is unchanged are kept";
+            Error::invalid(path.display().to_string(), problem)
+        }
+        other => other,
+    }
 }
 
 /// The files of the whole scene that only some runs write. Those of views are looked after where views are

@@ -1,5 +1,6 @@
 //! `mvs-eval generate` on files: sets of two sizes, shards, manifests, exports, and being killed.
 
+mod failures;
 mod lens;
 mod sizes;
 mod sources;

@@ -99,7 +99,7 @@ fn add_twins(mesh: &Mesh, triangles: impl Iterator<Item = u32>, twins: &mut Vec<
     for triangle in triangles {
         let corners = mesh.corners(triangle as usize);
         let same = |&(other, _): &(u32, bool)| turn(mesh.corners(other as usize), corners);
-        let found = first.iter().enumerate();
+        let mut found = first.iter().enumerate();
         let found = found.find_map(|(place, other)| Some((place, same(other)?)));
         match found {
             Some((place, turn)) => {
@@ -264,7 +264,10 @@ mod tests {
             let same: Vec<usize> = (0..count)
                 .filter(|&other| relation(dropped, other).is_some())
                 .collect();
-            let ways = |even: bool| same.iter().any(|&j| relation(dropped, j).unwrap().is_even() == even);
+            let ways = |even: bool| {
+                same.iter()
+                    .any(|&j| relation(dropped, j).unwrap().is_even() == even)
+            };
             if !same.is_empty() && ways(true) && ways(false) && same[0] != dropped {
                 let [kept, dropped] = [same[0], dropped].map(|index| index as u32);
                 twins.push(Twin { dropped, kept });
@@ -281,7 +284,12 @@ mod tests {
         vertices.extend(vertices.clone()); // once more, for faces with vertices of their own
         vertices[count as usize].x = -0.0;
         triangles.extend(own[3..20].iter().map(|&[a, b, c]| [c, b, a]));
-        triangles.extend(own[30..44].iter().map(|t| t.map(|v| v + count)).map(|[a, b, c]| [a, c, b]));
+        triangles.extend(
+            own[30..44]
+                .iter()
+                .map(|t| t.map(|v| v + count))
+                .map(|[a, b, c]| [a, c, b]),
+        );
         triangles.push([own[0][2] + count, own[0][1], own[0][0] + count]);
         triangles.extend([own[50], own[3], own[4]]); // once more, the same way round
         triangles.extend([[7, 7, 8], [8, 7, 7], [7, 8, 7], [9, 9, 9]]); // no faces
@@ -297,7 +305,10 @@ mod tests {
         assert_eq!(all.triangles().len(), triangles - expected.len());
         assert_eq!(all, sampled);
         let note = note.unwrap();
-        assert!(note.starts_with("35 faces are there both ways round"), "{note}");
+        assert!(
+            note.starts_with("35 faces are there both ways round"),
+            "{note}"
+        );
         let two_sided = (0..all.triangles().len()).filter(|&t| all.material_of(t).double_sided);
         assert_eq!(two_sided.count(), 17 + 14 + 1 + 1);
         assert_eq!(twins_among(&all, keys(&all, 1)), []);
@@ -339,7 +350,11 @@ mod tests {
         assert_eq!(once.triangles(), own);
         assert_eq!(once.texture_coords().unwrap(), &corners[..8]);
         assert_eq!(once.triangle_materials().unwrap(), [3, 3, 3, 4, 3, 3, 3, 3]);
-        assert!(once.materials()[3..].iter().all(|material| material.double_sided));
+        assert!(
+            once.materials()[3..]
+                .iter()
+                .all(|material| material.double_sided)
+        );
         let note = note.unwrap();
         assert!(note.contains("2 of the others look different"), "{note}");
     }
