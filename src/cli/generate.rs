@@ -63,7 +63,8 @@ pub(crate) struct GenerateArgs {
     merge: bool,
     /// A TOML file of scenes: [defaults] and one [[scene]] each, with the options of this command under
     /// the names that the [options] of a run.toml have: mesh, cameras, photos, out, name, sizes, pairs,
-    /// pixel_center, camera.size, options.render.samples, options.blend.… Paths are seen from the file
+    /// pixel_center, camera.size, options.render.samples, options.blend.… Paths are seen from the file.
+    /// A scene that fails is reported and the next one made: exit code 1, or 2 where all fail
     #[arg(long, value_name = "FILE", conflicts_with_all = ["mesh", "cameras", "photos", "name", "id"])]
     #[serde(skip)]
     manifest: Option<PathBuf>,
@@ -209,5 +210,11 @@ fn run_all(
         }
         table
     })?;
+    let all = outcome.scenes.len();
+    anyhow::ensure!(
+        outcome.failed < all,
+        "{}: expected scenes that can be made, found that all {all} failed, each for the reason in its status",
+        manifest.display()
+    );
     Ok(Verdict::failed_if(outcome.failed > 0))
 }

@@ -68,12 +68,10 @@ pub(super) fn plan_scene(
     let has_sources = |&place: &usize| !sources[place].is_empty();
     let places: Vec<usize> = (0..views.len()).filter(has_sources).collect();
     if places.is_empty() {
-        let problem = format!(
-            "expected at least two views that see the same surface, found none among {}; are mesh \
-             and cameras in the same frame, and poses world-to-camera?",
-            views.len()
-        );
-        return Err(Error::invalid("views", problem));
+        return Err(no_pair(
+            views.len(),
+            pairs::count_behind(surface, &sets[0], look),
+        ));
     }
     let left_out = (0..views.len()).filter(|place| !has_sources(place));
     let left_out = left_out.map(|place| LeftOut {
@@ -86,6 +84,21 @@ pub(super) fn plan_scene(
         left_out,
         ..Plan::new((&views, places), sources, shared)
     })
+}
+
+/// No two of `count` views see the same surface; `behind` of them see only the backs of triangles.
+fn no_pair(count: usize, behind: usize) -> Error {
+    let why = match behind {
+        0 => "are mesh and cameras in the same frame, and poses world-to-camera?".to_owned(),
+        _ => format!(
+            "{behind} of them see only the backs of triangles: if the faces are wound the other way, \
+             --back-faces valid takes both sides"
+        ),
+    };
+    let problem = format!(
+        "expected at least two views that see the same surface, found none among {count}; {why}"
+    );
+    Error::invalid("views", problem)
 }
 
 /// The views, fitted to images of `size`.

@@ -21,6 +21,7 @@ pub mod visibility;
 
 pub(crate) use fit::same_shape;
 pub use fit::{Fit, covering};
+pub(crate) use pairs::count_behind;
 pub use pairs::{Covisibility, PairOptions};
 pub use photos::{PhotoFolder, Photographs};
 pub(crate) use photos::{orientation_in, turned_warning, warning_of_turned};

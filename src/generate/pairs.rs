@@ -181,6 +181,18 @@ pub(super) fn sees_surface(
     !surface_points(surface, view, look).0.is_empty()
 }
 
+/// How many views see no surface because what they see are the backs of triangles.
+pub(crate) fn count_behind(
+    surface: (&Renderer, &Mesh),
+    views: &[View],
+    (options, back_faces): (&PairOptions, BackFaces),
+) -> usize {
+    let sees = |view: &View, back_faces| sees_surface(surface, view, (options, back_faces));
+    let behind = |view: &View| !sees(view, back_faces) && sees(view, BackFaces::Valid);
+    let behind = parallel::map(views.len(), |index| behind(&views[index]));
+    behind.into_iter().filter(|&behind| behind).count()
+}
+
 /// Source views of each of `views` without those in `blind`, and without views that are left without
 /// any: those are nobody's source either.
 pub(super) fn without(

@@ -34,6 +34,8 @@ pub trait Photographs: Sync {
 #[derive(Debug, Clone)]
 pub struct PhotoFolder {
     paths: BTreeMap<u32, PathBuf>,
+    /// Photographs that were taken, each with one beside it that might be meant as well.
+    doubtful: Vec<(PathBuf, PathBuf)>,
 }
 
 const ENDINGS: [&str; 6] = ["jpg", "jpeg", "JPG", "JPEG", "png", "PNG"];
@@ -49,7 +51,7 @@ impl PhotoFolder {
         for view in views.iter().filter(|view| !folder_of(view).is_empty()) {
             nested = nested || find(folder, view, true)?.is_some();
         }
-        let mut paths = BTreeMap::new();
+        let (mut paths, mut doubtful) = (BTreeMap::new(), Vec::new());
         let mut owners: BTreeMap<PathBuf, &View> = BTreeMap::new();
         let mut missing = Vec::new();
         for view in views {
@@ -57,6 +59,11 @@ impl PhotoFolder {
                 missing.push(view);
                 continue;
             };
+            if path != folder.join(&view.name)
+                && let Some(other) = of_another_ending(&path)?
+            {
+                doubtful.push((path.clone(), other));
+            }
             if let Some(other) = owners.insert(path.clone(), view) {
                 return Err(taken_twice(&path, other, view));
             }
@@ -71,14 +78,12 @@ impl PhotoFolder {
             );
             return Err(mvs_datasets::Error::layout(folder, problem).into());
         }
-        Ok(Self { paths })
+        Ok(Self { paths, doubtful })
     }
 
     /// The (width, height) in pixels that a view's photograph has.
     pub fn size(&self, view: &View) -> Result<(u32, u32)> {
-        let path = self.path(view)?;
-        let bytes = std::fs::read(path).map_err(mvs_datasets::Error::io(path, "read"))?;
-        Ok(image::read_size(&bytes).map_err(mvs_datasets::Error::in_file(path))?)
+        Ok(files::read_with(self.path(view)?, image::read_size)?)
     }
 
     /// The files, by view id.
@@ -86,10 +91,24 @@ impl PhotoFolder {
         self.paths.values().map(PathBuf::as_path)
     }
 
-    /// A warning where photographs are stored turned: their pixels are taken as stored.
-    pub fn warning(&self) -> Option<Warning> {
+    /// Warnings where photographs are stored turned (their pixels are taken as stored), and where one could
+    /// be meant as well that lies beside the one taken.
+    pub fn warnings(&self) -> Vec<Warning> {
         let paths: Vec<&Path> = self.files().collect();
-        turned_warning(&paths)
+        let turned = turned_warning(&paths).into_iter();
+        turned.chain(self.warning_of_doubtful()).collect()
+    }
+
+    fn warning_of_doubtful(&self) -> Option<Warning> {
+        let (taken, other) = self.doubtful.first()?;
+        let message = format!(
+            "{} views have two photographs that differ in their ending; {} is taken, and {} is not: take \
+             those that are not meant out of the folder",
+            self.doubtful.len(),
+            taken.display(),
+            other.display()
+        );
+        Some(Warning::new("photograph-doubtful", message))
     }
 
     fn path(&self, view: &View) -> Result<&PathBuf> {
@@ -119,6 +138,18 @@ fn find(folder: &Path, view: &View, nested: bool) -> Result<Option<PathBuf>> {
             if is_file(&path)? {
                 return Ok(Some(path));
             }
+        }
+    }
+    Ok(None)
+}
+
+/// A photograph of the same name whose ending is another one in whatever letters.
+fn of_another_ending(path: &Path) -> Result<Option<PathBuf>> {
+    let own = path.extension().unwrap_or_default();
+    for end in ENDINGS.iter().filter(|end| !own.eq_ignore_ascii_case(end)) {
+        let other = path.with_extension(end);
+        if is_file(&other)? {
+            return Ok(Some(other));
         }
     }
     Ok(None)
@@ -268,6 +299,31 @@ mod tests {
     }
 
     #[test]
+    fn a_photograph_beside_the_one_taken_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let views = [view(0, ""), view(1, ""), view(2, "c.png")];
+        for name in [
+            "00000000.jpg",
+            "00000000.png",
+            "00000001.PNG",
+            "c.png",
+            "c.jpg",
+        ] {
+            touch(&folder.path().join(name));
+        }
+        // c.png is asked for by its whole name.
+        let photos = PhotoFolder::open(folder.path(), &views).unwrap();
+        let warnings = photos.warnings();
+        assert_eq!(warnings.len(), 1);
+        assert_eq!(warnings[0].code, "photograph-doubtful");
+        let said = &warnings[0].message;
+        assert!(
+            said.starts_with("1 views") && said.contains("00000000.png is not"),
+            "{said}"
+        );
+    }
+
+    #[test]
     fn no_photograph_is_taken_for_two_views() {
         let folder = tempfile::tempdir().unwrap();
         let refused = |views: &[View], parts: &[&str]| {
@@ -342,13 +398,13 @@ mod tests {
             put(id, 1);
         }
         let photos = PhotoFolder::open(folder.path(), &views).unwrap();
-        assert_eq!(photos.warning(), None);
+        assert_eq!(photos.warnings(), []);
         for orientation in 2..=8 {
             put(1, orientation);
             assert_eq!(photos.orientation(&views[1]), Some(orientation));
         }
         put(2, 3);
-        let said = photos.warning().unwrap().message;
+        let said = &photos.warnings()[0].message;
         assert!(said.starts_with("2 photographs"), "{said}");
         assert!(said.contains("00000001.jpg (orientation 8)"), "{said}");
         assert_eq!(photos.orientation(&views[0]), None);

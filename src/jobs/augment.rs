@@ -54,10 +54,9 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
         ],
     )?;
     let folder = image_folder(&job.images);
-    let names: Vec<String> = blended::names_in(&folder)?
+    let (names, others): (Vec<String>, Vec<String>) = blended::names_in(&folder)?
         .into_iter()
-        .filter(|name| blended::is_image(name))
-        .collect();
+        .partition(|name| blended::is_image(name));
     if names.is_empty() {
         let problem = "expected images (.jpg or .png) here or in blended_images/, found none";
         return Err(mvs_datasets::Error::layout(&job.images, problem).into());
@@ -69,6 +68,7 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
     if let Some(warning) = generate::turned_warning(&given) {
         context.warnings.add(&warning.code, warning.message);
     }
+    warn_of_others(&others, context);
     context.progress.begin("augmenting", names.len() as u64);
     let images = parallel::try_map(names.len(), |index| {
         context.progress.check()?;
@@ -83,6 +83,28 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
     out.write_json("augment.json", &outcome)?;
     out.finish()?;
     Ok(outcome)
+}
+
+/// Endings of images that are not read.
+const UNREAD: [&str; 8] = ["bmp", "gif", "heic", "ppm", "tga", "tif", "tiff", "webp"];
+
+/// Names images of other formats, which are left out.
+fn warn_of_others(names: &[String], context: &Context<'_>) {
+    let ending = |name: &str| {
+        Path::new(name)
+            .extension()
+            .map(|end| end.to_ascii_lowercase())
+    };
+    let is_unread =
+        |name: &&String| ending(name).is_some_and(|end| UNREAD.iter().any(|unread| end == *unread));
+    let mut unread = names.iter().filter(is_unread);
+    if let Some(first) = unread.next() {
+        let message = format!(
+            "{} images are left out, the first is {first}: expected .jpg or .png",
+            1 + unread.count()
+        );
+        context.warnings.add("image-left-out", message);
+    }
 }
 
 /// The folder itself, or the scene's folder of images.

@@ -9,6 +9,7 @@ use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCame
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::scene::{Camera, Distortion, Scene, View};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// What the camera files leave open.
@@ -27,10 +28,14 @@ pub struct CameraOptions {
 /// together.
 const NEAR: f64 = 0.05;
 
+/// So far apart they may be where the cams are for that size in other views.
+const NOT_FAR: f64 = 0.2;
+
 /// Reads the cameras at `path`.
 ///
-/// A `cam.txt` has no image size: without `options.size` it is `likely` where that goes with the
-/// principal point, else twice the principal point.
+/// A `cam.txt` has no image size: without `options.size` a view's is `likely` where that goes with its
+/// principal point, else twice the principal point; if some views have the one and some the other, a
+/// warning says so.
 pub fn read(
     path: &Path,
     (pixel_centre, options): (PixelCentre, &CameraOptions),
@@ -38,30 +43,133 @@ pub fn read(
     context: &Context<'_>,
 ) -> Result<Scene> {
     let read = read_files(path, pixel_centre, options)?;
-    let assumed = likely.filter(|&size| {
-        let first = read.scene.views().first();
-        options.size.is_none()
-            && read.source == CameraSource::Cams
-            && first.is_some_and(|view| goes_with(size, &view.camera))
-    });
-    let read = match assumed {
-        Some(size) => read_files(
-            path,
-            pixel_centre,
-            &CameraOptions {
-                size: Some(size),
-                ..*options
-            },
-        )?,
-        None => read,
+    let sizes = likely.filter(|_| lack_sizes(&read, options));
+    let sizes = sizes.map(|size| at_size(read.scene.views(), size, context));
+    finished(read, &sizes.unwrap_or_default(), context)
+}
+
+/// Reads the cameras at `path` for images of the sizes that `images` gives, one for each view.
+///
+/// Without `options.size` the sizes that cams are for are as [`of_images`] says. Returned are also the
+/// images' sizes.
+pub(super) fn read_for(
+    path: &Path,
+    (pixel_centre, options): (PixelCentre, &CameraOptions),
+    images: impl FnOnce(&[View]) -> Result<Vec<Size>>,
+    context: &Context<'_>,
+) -> Result<(Scene, Vec<Size>)> {
+    let read = read_files(path, pixel_centre, options)?;
+    let images = images(read.scene.views())?;
+    let sizes = match lack_sizes(&read, options) {
+        true => of_images(read.scene.views(), &some(&images)),
+        false => Vec::new(),
     };
+    warn_of_far(read.scene.views(), &sizes, context);
+    Ok((finished(read, &sizes, context)?, images))
+}
+
+fn lack_sizes(read: &ReadCameras, options: &CameraOptions) -> bool {
+    options.size.is_none() && read.source == CameraSource::Cams
+}
+
+fn some(sizes: &[Size]) -> Vec<Option<Size>> {
+    sizes.iter().copied().map(Some).collect()
+}
+
+/// The size that each view's cam is for: its image's, if that goes with the principal point of this view or
+/// of another one with such an image, or if it seems cut: twice the principal point has another shape, and is
+/// no multiple. `None` for twice the principal point.
+pub(super) fn of_images(views: &[View], images: &[Option<Size>]) -> Vec<Option<Size>> {
+    let pair = |size: Size| (size.width, size.height);
+    let own = views.iter().zip(images);
+    let fitting = own.clone();
+    let fitting =
+        fitting.filter_map(|(view, size)| size.filter(|&size| goes_with(size, &view.camera)));
+    let known: BTreeSet<(u32, u32)> = fitting.map(pair).collect();
+    let is_for =
+        |view: &View, size: &Size| known.contains(&pair(*size)) || is_cut(*size, &view.camera);
+    own.map(|(view, size)| size.filter(|size| is_for(view, size)))
+        .collect()
+}
+
+/// Whether the principal point is in the inner half of images of this size, and farther from the middle along
+/// one axis than along the other, so that no scale explains it.
+fn is_cut(size: Size, camera: &Camera) -> bool {
+    let twice = 2.0 * camera.center() / DVec2::new(size.width.into(), size.height.into());
+    (twice.x / twice.y - 1.0).abs() >= NEAR && is_within(0.5, size, camera)
+}
+
+/// Says so where cams are taken to be for images whose middle is far from the principal point.
+fn warn_of_far(views: &[View], sizes: &[Option<Size>], context: &Context<'_>) {
+    let far = |(view, size): (&View, &Option<Size>)| {
+        let size = size.filter(|&size| !is_within(NOT_FAR, size, &view.camera))?;
+        Some((view.id, size))
+    };
+    let mut far = views.iter().zip(sizes).filter_map(far);
+    if let Some((id, size)) = far.next() {
+        let message = format!(
+            "the cams of {} views are taken to be for images of their photographs' sizes, whose middle is far \
+             from the principal point, the first is view {id}'s for {size}: if that is wrong, give --camera-size",
+            1 + far.count()
+        );
+        context.warnings.add("camera-size", message);
+    }
+}
+
+/// `size` for the views whose cam is for it. Says so if some are and some are not.
+fn at_size(views: &[View], size: Size, context: &Context<'_>) -> Vec<Option<Size>> {
+    let some_are = views.iter().any(|view| goes_with(size, &view.camera));
+    let is_for = |view: &View| some_are && is_within(NOT_FAR, size, &view.camera);
+    let sizes: Vec<Option<Size>> = (views.iter())
+        .map(|view| is_for(view).then_some(size))
+        .collect();
+    let others = || {
+        views
+            .iter()
+            .zip(&sizes)
+            .filter(|(_, taken)| taken.is_none())
+    };
+    if let (true, Some((first, _))) = (some_are, others().next()) {
+        let message = format!(
+            "the cams of {} of {} views are taken to be for images of another size than {size}, the first \
+             is view {}'s for {}x{} (twice its principal point), and scaled to it: if that is wrong, give \
+             --camera-size",
+            others().count(),
+            views.len(),
+            first.id,
+            first.camera.width(),
+            first.camera.height()
+        );
+        context.warnings.add("camera-size", message);
+    }
+    sizes
+}
+
+/// The scene with cams for these sizes, where there are any; what is to be known of it becomes warnings.
+fn finished(read: ReadCameras, sizes: &[Option<Size>], context: &Context<'_>) -> Result<Scene> {
     for note in &read.notes {
         context.warnings.add("cameras", note.clone());
     }
-    if read.source == CameraSource::Cams && are_half_pixel_off(&read.scene) {
+    let source = read.source;
+    let scene = with_sizes(read.scene, sizes)?;
+    if source == CameraSource::Cams && are_half_pixel_off(&scene) {
         warn_of_integer_centres(context);
     }
-    Ok(read.scene)
+    Ok(scene)
+}
+
+/// The scene with cameras for images of these sizes, focal lengths and principal points as they are;
+/// views without a size keep theirs.
+pub(super) fn with_sizes(scene: Scene, sizes: &[Option<Size>]) -> Result<Scene> {
+    let mut sizes = sizes.iter().copied();
+    mapped(scene, |view| {
+        let size = sizes.next().flatten();
+        let camera = size.map(|size| view.camera.cropped(0, 0, size.width, size.height));
+        Ok(View {
+            camera: camera.unwrap_or(Ok(view.camera))?,
+            ..view.clone()
+        })
+    })
 }
 
 /// What to say of cams that were read with pixel centres at (0.5, 0.5) and seem to have them at
@@ -103,8 +211,12 @@ fn read_files(
 
 /// Whether the principal point is about the centre of images of this size.
 pub(super) fn goes_with(size: Size, camera: &Camera) -> bool {
+    is_within(NEAR, size, camera)
+}
+
+fn is_within(fraction: f64, size: Size, camera: &Camera) -> bool {
     let center = camera.center();
-    let near = |length: u32, center: f64| (2.0 * center / f64::from(length) - 1.0).abs() < NEAR;
+    let near = |length: u32, center: f64| (2.0 * center / f64::from(length) - 1.0).abs() < fraction;
     near(size.width, center.x) && near(size.height, center.y)
 }
 
@@ -135,7 +247,7 @@ pub fn without_lenses(scene: Scene) -> Result<Scene> {
 }
 
 /// The scene with its views changed one by one; their ids stay.
-fn mapped(scene: Scene, change: impl Fn(&View) -> Result<View>) -> Result<Scene> {
+fn mapped(scene: Scene, change: impl FnMut(&View) -> Result<View>) -> Result<Scene> {
     let views = scene.views().iter().map(change);
     let views = views.collect::<Result<Vec<View>>>()?;
     let sources = (0..views.len())
@@ -149,6 +261,63 @@ mod tests {
     use super::*;
     use crate::progress::Silent;
     use crate::warning::Warnings;
+
+    fn view_at(id: u32, center: (f64, f64)) -> View {
+        let center = DVec2::new(center.0, center.1);
+        let size = (2.0 * center).round();
+        let camera = Camera::new(size.x as u32, size.y as u32, DVec2::splat(50.0), center);
+        View {
+            id,
+            name: String::new(),
+            camera: camera.unwrap(),
+            pose: mvs_datasets::scene::Pose::IDENTITY,
+            depth_range: None,
+        }
+    }
+
+    fn sizes(texts: &[&str]) -> Vec<Option<Size>> {
+        texts.iter().map(|text| text.parse().ok()).collect()
+    }
+
+    #[test]
+    fn each_view_has_its_own_images_size_where_cams_are_for_the_images() {
+        let views = [(64.0, 48.0), (32.0, 24.0), (24.0, 32.0), (70.0, 48.0)];
+        let views = (0..).zip(views).map(|(id, center)| view_at(id, center));
+        let views: Vec<View> = views.collect();
+        // The last one's middle is far from its principal point, as others' of that size are not.
+        let images = sizes(&["128x96", "64x48", "48x64", "128x96"]);
+        assert_eq!(of_images(&views, &images), images);
+        // Cut images, whose middle is elsewhere.
+        let cut = sizes(&["90x96", "64x34", "40x64", "128x70"]);
+        assert_eq!(of_images(&views, &cut), cut);
+        // Images of half the size that the cams are for.
+        let halves = sizes(&["64x48", "16x12", "12x16", "none"]);
+        assert_eq!(of_images(&views, &halves), [None; 4]);
+    }
+
+    #[test]
+    fn a_size_is_that_of_the_views_whose_principal_point_it_goes_with() {
+        let (warnings, progress) = (Warnings::default(), Silent);
+        let context = Context {
+            progress: &progress,
+            warnings: &warnings,
+            force: false,
+        };
+        let views = [(64.0, 48.0), (70.0, 48.0), (128.0, 96.0), (48.0, 64.0)];
+        let views = (0..).zip(views).map(|(id, center)| view_at(id, center));
+        let views: Vec<View> = views.collect();
+        let size: Size = "128x96".parse().unwrap();
+        let of = |views: &[View]| at_size(views, size, &context);
+        assert_eq!(of(&views[..2]), [Some(size); 2]);
+        assert_eq!(of(&views[1..2]), [None]);
+        assert!(warnings.sorted().is_empty());
+        assert_eq!(of(&views), [Some(size), Some(size), None, None]);
+        let said = &warnings.sorted()[0].message;
+        assert!(
+            said.contains("2 of 4 views") && said.contains("view 2's for 256x192"),
+            "{said}"
+        );
+    }
 
     const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 19.6\n\
                        0 40 15.1\n0 0 1\n\n1 0.01 128 3\n";

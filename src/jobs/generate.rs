@@ -8,6 +8,7 @@ use crate::error::{Error, Result};
 use crate::generate::{
     self, Extra, GenerateOptions, Part, PhotoFolder, Source, Target, scene_id, sparse_sources,
 };
+use crate::parallel;
 use crate::provenance::{Inputs, Run};
 use mvs_datasets::layout::blended::record::SceneFile;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
@@ -44,7 +45,7 @@ pub struct GenerateJob {
     pub name: Option<String>,
     /// The 24 hexadecimal digits of the scene's folder instead of the name's hash.
     pub id: Option<String>,
-    /// What the camera files leave open; the image size is the photographs' where that goes with the
+    /// What the camera files leave open; a view's image size is its photograph's where that goes with the
     /// principal point.
     pub camera: CameraOptions,
     /// Where the cams put the centre of the top-left pixel.
@@ -94,11 +95,11 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let roots = roots_of(job)?;
     let blank = Run::new("generate", job, &Inputs::default())?;
     for (root, _) in &roots {
-        OutDir::check_again(&root.join(&id), &blank, context.force)?;
+        OutDir::check_again(&root.join(&id), &blank, context.force).map_err(of_unfinished)?;
     }
     let scene = read_cameras(job, context)?;
     let photographs = PhotoFolder::open(&job.photos, scene.views())?;
-    if let Some(warning) = photographs.warning() {
+    for warning in photographs.warnings() {
         context.warnings.add(&warning.code, warning.message);
     }
     let sources = chosen_sources(job, scene.views())?;
@@ -110,7 +111,8 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         let out = OutDir::create_again(&root.join(&id), run.clone(), context.force)?;
         out.check_not_read("").map(|()| out)
     };
-    let mut outs = roots.iter().map(create).collect::<Result<Vec<_>>>()?;
+    let outs = roots.iter().map(create).collect::<Result<Vec<_>>>();
+    let mut outs = outs.map_err(of_unfinished)?;
     let source = Source {
         name: &name,
         id: &id,
@@ -150,6 +152,19 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
         });
     }
     Ok(GenerateOutcome { sets })
+}
+
+/// Says of a folder that is in the way, if so it is, that its result is not finished.
+fn of_unfinished(error: Error) -> Error {
+    match error {
+        Error::Exists { path } if path.join(blended::UNFINISHED).is_file() => {
+            let problem = "expected an unfinished result of the same options and inputs, found one of \
+                           others (a file that was read has changed, perhaps): give --force to go on; \
+                           finished views that follow from what is unchanged are kept";
+            Error::invalid(path.display().to_string(), problem)
+        }
+        other => other,
+    }
 }
 
 /// The files of the whole scene that only some runs write. Those of views are looked after where views are
@@ -260,27 +275,36 @@ pub(super) fn id_of(job: &GenerateJob, name: &str) -> Result<String> {
     }
 }
 
-/// The cameras; the photographs' size helps where the camera files have none.
+/// The cameras; the photographs' sizes help where the camera files have none.
 fn read_cameras(job: &GenerateJob, context: &Context<'_>) -> Result<Scene> {
     let options = (job.pixel_center, &job.camera);
-    let scene = cameras::read(&job.cameras, options, None, context)?;
-    let Some(first) = scene.views().first() else {
-        return Ok(scene);
+    let sizes = |views: &[View]| {
+        let photographs = PhotoFolder::open(&job.photos, views)?;
+        parallel::try_map(views.len(), |index| {
+            let (width, height) = photographs.size(&views[index])?;
+            Ok(Size { width, height })
+        })
     };
-    let (width, height) = PhotoFolder::open(&job.photos, scene.views())?.size(first)?;
-    let photographs = Size { width, height };
-    let scene = cameras::read(&job.cameras, options, Some(photographs), context)?;
-    if let Some(first) = scene.views().first()
-        && (first.camera.width(), first.camera.height()) != (width, height)
-    {
+    let (scene, photographs) = cameras::read_for(&job.cameras, options, sizes, context)?;
+    warn_of_sizes(scene.views(), &photographs, context);
+    Ok(scene)
+}
+
+/// Says so where photographs have another size than their intrinsics are for.
+fn warn_of_sizes(views: &[View], photographs: &[Size], context: &Context<'_>) {
+    let size_of = |view: &View| (view.camera.width(), view.camera.height());
+    let differs = |(view, size): &(&View, &Size)| size_of(view) != (size.width, size.height);
+    let others = || views.iter().zip(photographs).filter(differs);
+    if let Some((view, photograph)) = others().next() {
+        let (width, height) = size_of(view);
         let message = format!(
-            "the photographs have {photographs} pixels, the intrinsics of view {} are taken to be \
-             for {}x{}; photographs are resized to that",
-            first.id,
-            first.camera.width(),
-            first.camera.height()
+            "{} of {} photographs are resized to what their view's intrinsics are taken to be for; the \
+             first is view {}'s, from {photograph} to {width}x{height} pixels: if that is wrong, give \
+             --camera-size, or correct the size that the camera files state",
+            others().count(),
+            views.len(),
+            view.id
         );
         context.warnings.add("camera-size", message);
     }
-    Ok(scene)
 }

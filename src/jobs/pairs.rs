@@ -5,7 +5,7 @@ use super::meshes::{MeshOptions, read_mesh};
 use super::out::{check_no_input, replaced, write_run_file};
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
-use crate::generate::{Covisibility, PairOptions, sparse_sources};
+use crate::generate::{Covisibility, PairOptions, count_behind, sparse_sources};
 use crate::provenance::{Inputs, Run};
 use crate::render::{BackFaces, Renderer};
 use mvs_datasets::format::pair::{self, PairEntry};
@@ -156,7 +156,23 @@ fn exact(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
         Covisibility::measure(surface, &views, look, context.progress)?
     };
     let sources = shared.sources(&views, job.pairs.sources);
+    if sources.iter().all(Vec::is_empty) {
+        let behind = count_behind(surface, &views, (&job.pairs, BackFaces::default()));
+        refuse_backs(job, (views.len(), behind))?;
+    }
     Ok((views, sources, run))
+}
+
+/// An error where views see no surface because of `count` they are `behind` all of it.
+fn refuse_backs(job: &PairsJob, (count, behind): (usize, usize)) -> Result<()> {
+    if behind == 0 {
+        return Ok(());
+    }
+    let problem = format!(
+        "expected at least two views that see the same surface, found none among {count}; {behind} of \
+         them see only the backs of triangles: turn the faces of the mesh if they are wound the other way"
+    );
+    Err(Error::invalid(job.cameras.display().to_string(), problem))
 }
 
 fn outcome(views: &[View], sources: Vec<Vec<SourceScore>>) -> PairsOutcome {

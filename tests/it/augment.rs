@@ -114,3 +114,26 @@ fn images_that_exif_says_to_turn_are_counted() {
         (40, 30)
     );
 }
+
+#[test]
+fn images_of_other_formats_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let images = folder.path().join("images");
+    files::write_atomically(&images.join("00000000.png"), |out| {
+        image::write_png(out, &picture())
+    })
+    .unwrap();
+    write(&images.join("notes.txt"), "mine");
+    let output = augmented(&images, "1", &folder.path().join("plain"));
+    assert!(!stderr(&output).contains("left out"), "{}", stderr(&output));
+    for name in ["00000001.BMP", "00000002.tif"] {
+        write(&images.join(name), "an image");
+    }
+    let output = augmented(&images, "1", &folder.path().join("out"));
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(
+        said.contains("2 images are left out, the first is 00000001.BMP"),
+        "{said}"
+    );
+}

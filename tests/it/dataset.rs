@@ -1,6 +1,8 @@
 //! `mvs-eval generate` on files: sets of two sizes, shards, manifests, exports, and being killed.
 
+mod failures;
 mod lens;
+mod sizes;
 mod sources;
 
 use crate::support::{mvs_eval, real_data, stderr, text, write};

@@ -399,6 +399,22 @@ fn what_readers_and_users_stumble_over_is_a_warning() {
     }
     assert!(record.views.iter().any(|view| view.back_faces > 0));
     assert!(said.iter().any(|w| w.message.contains("128x80, 128x96")));
+    // All of them: there is no surface, and it is said why.
+    let turned = mesh
+        .triangles()
+        .iter()
+        .map(|&[a, b, c]| [a, c, b])
+        .collect();
+    let turned = Mesh::new(mesh.vertices().to_vec(), turned).unwrap();
+    let source = source_of(("n", &id), (&turned, &views), &Plain);
+    let elsewhere = BlendedFolder::new(folder.path().join("turned"));
+    let error = generate(&source, &elsewhere, &draft(), &Silent, &warnings).unwrap_err();
+    let error = error.to_string();
+    assert!(
+        error.contains("6 of them see only the backs of triangles")
+            && error.contains("--back-faces"),
+        "{error}"
+    );
 }
 
 #[test]

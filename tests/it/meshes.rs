@@ -1,11 +1,11 @@
 //! Meshes in the variants that people have: tiles, materials, textures, odd files.
 
 use crate::support::real_data;
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use mvs_datasets::layout::files::write_atomically;
 use mvs_datasets::layout::mesh::{LoadedMesh, ReadOptions, read_meshes, read_meshes_with};
 use mvs_datasets::scene::{Camera, ColorImage, Pose, View};
-use mvs_eval::render::{RenderOptions, Renderer};
+use mvs_eval::render::{BackFaces, RenderOptions, Renderer};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -223,6 +223,79 @@ fn threads_read_tiles_to_the_same_mesh_and_the_same_error() {
             error.contains("tile_2.obj") && error.contains("line 3"),
             "{threads} threads: {error}"
         );
+    }
+}
+
+/// Every face once more, the other way round, with vertices of its own or not: what is seen is what is seen
+/// of the mesh without, from in front and from behind.
+#[test]
+fn a_mesh_with_every_face_both_ways_round_is_one_with_two_sides() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let at = |x: u32, y: u32| (0.31 * f64::from(x) - 1.5, 0.29 * f64::from(y) - 1.4);
+    let (mut vertices, mut front, mut back) = (String::new(), String::new(), String::new());
+    for (y, x) in (0..11).flat_map(|y| (0..11).map(move |x| (y, x))) {
+        let (px, py) = at(x, y);
+        vertices += &format!("v {px} {py} {}\n", 3.0 + 0.3 * px * py + 0.2 * px);
+        if x < 10 && y < 10 {
+            let a = 11 * y + x + 1;
+            let (b, c, d) = (a + 1, a + 11, a + 12);
+            front += &format!("f {a} {c} {b}\nf {b} {c} {d}\n");
+            back += &format!("f {b} {c} {a}\nf {d} {c} {b}\n");
+        }
+    }
+    let own: String = back
+        .replace("f ", "")
+        .split_inclusive([' ', '\n'])
+        .map(|word| {
+            let end = &word[word.len() - 1..];
+            format!("{}{end}", word.trim_end().parse::<u32>().unwrap() + 121)
+        })
+        .collect();
+    let own: String = own.lines().map(|line| format!("f {line}\n")).collect();
+    put(folder.path(), "one.obj", &format!("{vertices}{front}"));
+    put(
+        folder.path(),
+        "two.obj",
+        &format!("{vertices}{front}{back}"),
+    );
+    put(
+        folder.path(),
+        "apart.obj",
+        &format!("{vertices}{vertices}{front}{own}"),
+    );
+    let seen = |name: &str, pose: Pose, back_faces: BackFaces| {
+        let loaded = read(&[&path(name)]);
+        let camera = Camera::new(120, 90, DVec2::splat(90.0), DVec2::new(60.0, 45.0)).unwrap();
+        let view = View {
+            id: 0,
+            name: String::new(),
+            camera,
+            pose,
+            depth_range: None,
+        };
+        let options = RenderOptions {
+            samples: 1,
+            back_faces,
+            ..RenderOptions::default()
+        };
+        let rendering = Renderer::new(&loaded.mesh).unwrap().render(&view, &options);
+        (rendering.unwrap().depth, loaded.notes.join("; "))
+    };
+    // From behind: turned about the vertical axis, at the other side.
+    let turned = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+    let behind = Pose::new(turned, DVec3::new(0.0, 0.0, 6.5)).unwrap();
+    for pose in [Pose::IDENTITY, behind] {
+        let (truth, notes) = seen("one.obj", pose, BackFaces::Valid);
+        assert!(truth.valid_count() > 5000 && notes.is_empty(), "{notes}");
+        for name in ["two.obj", "apart.obj"] {
+            let (depth, notes) = seen(name, pose, BackFaces::Invalid);
+            assert!(
+                notes.starts_with("200 faces are there both ways round"),
+                "{notes}"
+            );
+            assert!(depth == truth, "{name}");
+        }
     }
 }
 

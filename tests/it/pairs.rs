@@ -3,7 +3,9 @@
 use crate::support::{mvs_eval, stderr, text, write};
 use mvs_datasets::format::colmap;
 use mvs_datasets::format::pair;
-use mvs_datasets::layout::files;
+use mvs_datasets::layout::{exports, files, mesh_out};
+use mvs_datasets::scene::Mesh;
+use mvs_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 use mvs_eval::provenance::Run;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -216,5 +218,43 @@ fn pairs_replace_pairs_and_nothing_that_is_read() {
         let run_file = folder.path().join("pair.run.toml");
         let run = Run::read(&run_file).unwrap();
         assert_eq!(run.changed_inputs(&run_file), [""; 0]);
+    }
+}
+
+/// A mesh whose faces are all wound the other way has no surface: that is said, not only that nothing is
+/// shared.
+#[test]
+fn a_mesh_that_is_wound_the_other_way_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scene = SyntheticScene::new(SyntheticOptions {
+        views: 6,
+        width: 128,
+        height: 96,
+        ..SyntheticOptions::default()
+    })
+    .unwrap();
+    exports::write_colmap(&path("model"), scene.scene()).unwrap();
+    let mesh = scene.mesh();
+    let turned = mesh.triangles().iter().map(|&[a, b, c]| [a, c, b]);
+    let turned = Mesh::new(mesh.vertices().to_vec(), turned.collect()).unwrap();
+    for (name, mesh, code) in [("as it is", mesh, 0), ("turned", &turned, 2)] {
+        let (file, out) = (path(&format!("{name}.obj")), path(&format!("{name}.txt")));
+        mesh_out::write_obj(&file, mesh).unwrap();
+        let (model, file, out) = (path("model"), text(&file), text(&out));
+        let arguments = [
+            "pairs",
+            "--cameras",
+            text(&model),
+            "--mesh",
+            file,
+            "--out",
+            out,
+        ];
+        let output = mvs_eval(&arguments);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        let named = said.contains("6 of them see only the backs of triangles");
+        assert_eq!(named, code == 2, "{said}");
     }
 }

@@ -92,6 +92,8 @@ struct WireFile {
     #[serde(flatten)]
     shared: WireCamera,
     frames: Vec<WireFrame>,
+    applied_transform: Option<serde_json::Value>,
+    applied_scale: Option<serde_json::Value>,
 }
 
 #[derive(serde::Deserialize)]
@@ -105,6 +107,7 @@ struct WireFrame {
 #[derive(Default, Clone, serde::Deserialize)]
 struct WireCamera {
     camera_model: Option<String>,
+    is_fisheye: Option<bool>,
     camera_angle_x: Option<f64>,
     camera_angle_y: Option<f64>,
     fl_x: Option<f64>,
@@ -122,11 +125,19 @@ struct WireCamera {
 }
 
 impl WireCamera {
-    /// This frame's own values, else those of the file.
+    /// This frame's own values, else those of the file. An angle of view of its own is as good as a focal
+    /// length.
     fn or(self, shared: &Self) -> Self {
-        let shared = shared.clone();
+        let mut shared = shared.clone();
+        if self.fl_x.is_none() && self.camera_angle_x.is_some() {
+            (shared.fl_x, shared.fl_y) = (None, None);
+        }
+        if self.camera_model.is_some() || self.is_fisheye.is_some() {
+            (shared.camera_model, shared.is_fisheye) = (None, None);
+        }
         Self {
             camera_model: self.camera_model.or(shared.camera_model),
+            is_fisheye: self.is_fisheye.or(shared.is_fisheye),
             camera_angle_x: self.camera_angle_x.or(shared.camera_angle_x),
             camera_angle_y: self.camera_angle_y.or(shared.camera_angle_y),
             fl_x: self.fl_x.or(shared.fl_x),
@@ -144,8 +155,37 @@ impl WireCamera {
         }
     }
 
+    /// The camera model's name: the one given, else what instant-ngp's `is_fisheye` says.
+    fn model(&self) -> Result<&str, String> {
+        match (self.camera_model.as_deref(), self.is_fisheye) {
+            (Some(model), Some(true)) if !model.contains("FISHEYE") => Err(format!(
+                "expected is_fisheye without a camera model that is no fisheye, found true and `{}`: \
+                 take one of them out",
+                super::text::shown(model)
+            )),
+            (Some(model), _) => Ok(model),
+            (None, Some(true)) => Ok("OPENCV_FISHEYE"),
+            (None, _) => Ok("OPENCV"),
+        }
+    }
+
+    /// Two values that mean something together only.
+    fn both<T>(names: [&str; 2], pair: [Option<T>; 2]) -> Result<Option<[T; 2]>, String> {
+        match pair {
+            [Some(first), Some(second)] => Ok(Some([first, second])),
+            [None, None] => Ok(None),
+            [first, _] => {
+                let [one, other] = names;
+                let found = if first.is_some() { one } else { other };
+                Err(format!(
+                    "expected {one} and {other}, or neither, found only {found}"
+                ))
+            }
+        }
+    }
+
     fn distortion(&self) -> Result<Distortion, String> {
-        let model = self.camera_model.as_deref().unwrap_or("OPENCV");
+        let model = self.model()?;
         let radial = [self.k1, self.k2, self.k3, self.k4].map(Option::unwrap_or_default);
         let tangential = [self.p1, self.p2].map(Option::unwrap_or_default);
         let [k1, k2, k3, k4] = radial;
@@ -174,7 +214,7 @@ impl WireCamera {
     }
 
     fn size(&self) -> Result<Option<(u32, u32)>, String> {
-        let (Some(w), Some(h)) = (self.w, self.h) else {
+        let Some([w, h]) = Self::both(["w", "h"], [self.w, self.h])? else {
             return Ok(None);
         };
         let whole = |side: f64| side.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&side);
@@ -187,9 +227,13 @@ impl WireCamera {
     }
 }
 
-/// Reads a `transforms.json`. Values of a frame win over those of the file. `applied_transform` is
-/// not undone: poses stay in the frame in which the file gives them.
-pub fn read(json: &str) -> Result<Vec<Frame>, FormatError> {
+/// Frames, and what of the file was not followed, one sentence each.
+pub type Read = (Vec<Frame>, Vec<String>);
+
+/// Reads a `transforms.json`. Values of a frame win over those of the file. `applied_transform` and
+/// `applied_scale` are not undone: poses stay in the frame in which the file gives them, and a sentence
+/// says so.
+pub fn read(json: &str) -> Result<Read, FormatError> {
     let wire: WireFile = serde_json::from_str(json).map_err(|error| {
         let said = error.to_string();
         let problem = said.split(" at line ").next().unwrap_or_default();
@@ -204,13 +248,28 @@ pub fn read(json: &str) -> Result<Vec<Frame>, FormatError> {
             "expected at least one frame, found none",
         ));
     }
+    let notes = applied_notes(&wire);
     let frames = wire.frames.into_iter().enumerate();
-    frames
-        .map(|(index, frame)| {
-            let place = format!("frame {index} ({})", super::text::shown(&frame.file_path));
-            frame_of(frame, &wire.shared).map_err(|problem| FormatError::new(place, problem))
-        })
-        .collect()
+    let frames = frames.map(|(index, frame)| {
+        let place = format!("frame {index} ({})", super::text::shown(&frame.file_path));
+        frame_of(frame, &wire.shared).map_err(|problem| FormatError::new(place, problem))
+    });
+    Ok((frames.collect::<Result<_, _>>()?, notes))
+}
+
+/// What was done to the poses before they came into the file.
+fn applied_notes(wire: &WireFile) -> Vec<String> {
+    let given = [
+        ("applied_transform", &wire.applied_transform),
+        ("applied_scale", &wire.applied_scale),
+    ];
+    let given = given.into_iter().filter(|(_, value)| value.is_some());
+    let names: Vec<&str> = given.map(|(name, _)| name).collect();
+    let note = format!(
+        "the file's {} is left in place: a mesh must be in the frame of the poses as the file has them",
+        names.join(" and ")
+    );
+    (!names.is_empty()).then_some(note).into_iter().collect()
 }
 
 fn frame_of(frame: WireFrame, shared: &WireCamera) -> Result<Frame, String> {
@@ -232,7 +291,7 @@ fn frame_of(frame: WireFrame, shared: &WireCamera) -> Result<Frame, String> {
         size: camera.size()?,
         focal: camera.fl_x.map(|fx| [fx, camera.fl_y.unwrap_or(fx)]),
         angles: [camera.camera_angle_x, camera.camera_angle_y],
-        center: camera.cx.zip(camera.cy).map(|(cx, cy)| [cx, cy]),
+        center: WireCamera::both(["cx", "cy"], [camera.cx, camera.cy])?,
         distortion: camera.distortion()?,
     })
 }
@@ -249,7 +308,8 @@ mod tests {
 
     #[test]
     fn a_frame_s_own_values_win() {
-        let frames = read(REAL).unwrap();
+        let (frames, notes) = read(REAL).unwrap();
+        assert!(notes.is_empty());
         assert_eq!(
             (frames[0].size, frames[0].focal),
             (Some((640, 480)), Some([500.0, 510.0]))
@@ -273,7 +333,62 @@ mod tests {
         );
         let fisheye = read(&REAL.replace("\"OPENCV\"", "\"OPENCV_FISHEYE\"")).unwrap();
         let radial = [-0.1, 0.0, 0.0, 0.0];
-        assert_eq!(fisheye[0].distortion, Distortion::Fisheye { radial });
+        assert_eq!(fisheye.0[0].distortion, Distortion::Fisheye { radial });
+    }
+
+    /// As instant-ngp writes it, which names no camera model.
+    #[test]
+    fn is_fisheye_is_a_fisheye_where_no_camera_model_is_named() {
+        let ngp = |shared: &str, own: &str| {
+            let json = REAL.replacen("\"camera_model\": \"OPENCV\"", shared, 1);
+            let json = json.replacen("\"fl_x\": 600.0", own, 1);
+            read(&json).map(|(frames, _)| [frames[0].distortion, frames[1].distortion])
+        };
+        let radial = [-0.1, 0.0, 0.0, 0.0];
+        let fisheye = Distortion::Fisheye { radial };
+        let plain = ngp("\"is_fisheye\": false", "\"fl_x\": 600.0").unwrap();
+        assert!(
+            plain
+                .iter()
+                .all(|lens| matches!(lens, Distortion::RadialTangential { .. }))
+        );
+        assert_eq!(
+            ngp("\"is_fisheye\": true", "\"fl_x\": 600.0").unwrap(),
+            [fisheye; 2]
+        );
+        // A frame's own word wins.
+        let own = ngp("\"is_fisheye\": true", "\"camera_model\": \"OPENCV\"").unwrap();
+        assert_eq!(own, [fisheye, plain[1]]);
+        let both = "\"is_fisheye\": true, \"camera_model\": \"PINHOLE\"";
+        let error = ngp(both, "\"p1\": 0.0").unwrap_err().to_string();
+        assert!(error.contains("found true and `PINHOLE`"), "{error}");
+    }
+
+    #[test]
+    fn a_frame_s_own_angle_of_view_wins_over_the_files_focal_length() {
+        let own = REAL.replacen("\"fl_x\": 600.0", "\"camera_angle_x\": 0.5", 1);
+        let (frames, _) = read(&own).unwrap();
+        assert_eq!(
+            (frames[0].focal, frames[0].angles),
+            (Some([500.0, 510.0]), [None; 2])
+        );
+        assert_eq!(
+            (frames[1].focal, frames[1].angles),
+            (None, [Some(0.5), None])
+        );
+        // A focal length of its own is still more exact than an angle of the file.
+        let shared = REAL.replacen("\"aabb_scale\": 16", "\"camera_angle_x\": 0.5", 1);
+        assert_eq!(read(&shared).unwrap().0[1].focal, Some([600.0, 510.0]));
+    }
+
+    #[test]
+    fn what_was_applied_to_the_poses_is_named() {
+        let applied = "\"applied_transform\": [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]";
+        let (_, notes) = read(&REAL.replacen("\"aabb_scale\": 16", applied, 1)).unwrap();
+        assert!(
+            notes[0].contains("the file's applied_transform is left in place"),
+            "{notes:?}"
+        );
     }
 
     #[test]
@@ -290,6 +405,21 @@ mod tests {
                 "[[1, 0, 0, 5], [0, 1, 0, 6], [0, 0, 1, 7]]}",
                 "[[1, 0, 0, 5]]}",
                 "frame 1 (images/b.jpg): expected 3 or 4 rows in transform_matrix, found 1",
+            ),
+            (
+                "\"cx\": 321.5,",
+                "",
+                "frame 0 (./images/a.jpg): expected cx and cy, or neither, found only cy",
+            ),
+            (
+                "\"w\": 320, ",
+                "\"w\": 320.5, ",
+                "expected w and h in whole pixels, found 320.5 and 240",
+            ),
+            (
+                "\"w\": 640, \"h\": 480.0,",
+                "\"w\": 640,",
+                "expected w and h, or neither, found only w",
             ),
             (
                 "\"w\": 640",

@@ -75,7 +75,7 @@ pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> 
     let (scene, mut notes) = match source {
         CameraSource::Cams => (read_cams(&path, options)?, Vec::new()),
         CameraSource::Colmap => (read_colmap(&path, options)?, Vec::new()),
-        CameraSource::Transforms => (read_transforms(&path, options)?, Vec::new()),
+        CameraSource::Transforms => read_transforms(&path, options)?,
         CameraSource::Log => read_log(&path, options)?,
     };
     notes.extend(unused(source, options));
@@ -312,8 +312,8 @@ fn range_of(depths: impl Iterator<Item = f64>) -> Option<DepthRange> {
     DepthRange::new(at(0.01)?, at(0.99)?).ok()
 }
 
-fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<Scene> {
-    let frames = files::read_text_with(path, transforms::read)?;
+fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<(Scene, Vec<String>)> {
+    let (frames, notes) = files::read_text_with(path, transforms::read)?;
     let names: Vec<&str> = frames.iter().map(|frame| frame.file.as_str()).collect();
     let ids = number_names(&names);
     let views = frames
@@ -325,7 +325,8 @@ fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<Scene> {
         })
         .collect::<Result<Vec<_>, _>>()
         .map_err(Error::in_file(path))?;
-    Scene::new(views).map_err(|error| Error::layout(path, error.to_string()))
+    let scene = Scene::new(views).map_err(|error| Error::layout(path, error.to_string()))?;
+    Ok((scene, notes))
 }
 
 fn frame_view(frame: &Frame, id: u32, options: &CamerasOptions) -> Result<View> {

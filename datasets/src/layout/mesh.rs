@@ -2,6 +2,7 @@
 
 mod join;
 mod part;
+mod twins;
 
 use super::materials::Library;
 use crate::error::{Error, Result};
@@ -56,7 +57,8 @@ pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
 /// Reads meshes (`.obj` with its materials, `.ply`, `.gltf`, `.glb`) and joins them into one. A
 /// folder stands for all its meshes, and a last name with `*` or `?` for all that fit, in name order.
 /// Textures are found beside the file that names them, and only those that faces use are read; one
-/// that cannot be is noted, and its material's colour shows instead.
+/// that cannot be is noted, and its material's colour shows instead. Faces that are there both ways round
+/// are one with two sides, which is noted too.
 pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<LoadedMesh> {
     let mut joined = Joined::default();
     let mut library = Library::default();
@@ -84,10 +86,12 @@ pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Load
     }
     let drafts = joined.take_drafts();
     let finished = library.finish(drafts, options)?;
-    let mesh = joined.finish(finished.materials)?;
+    let (mesh, note) = twins::merged(joined.finish(finished.materials)?)?;
+    let mut notes = finished.notes;
+    notes.extend(note);
     Ok(LoadedMesh {
         mesh,
-        notes: finished.notes,
+        notes,
         files: finished.files,
     })
 }

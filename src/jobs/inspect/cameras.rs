@@ -2,12 +2,16 @@
 
 use super::text::{between, box_text, short};
 use super::{Answer, Fact, InspectJob, fact};
-use crate::jobs::cameras::{INTEGER_CENTRES, are_half_pixel_off};
+use crate::config::Size;
+use crate::error::Result;
+use crate::jobs::cameras::{INTEGER_CENTRES, are_half_pixel_off, of_images, with_sizes};
 use crate::jobs::fuse::find_image;
 use glam::DVec2;
 use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{Aabb, Distortion, Scene, View};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 /// What the folder or file of cameras holds.
 pub(super) fn inspect(job: &InspectJob) -> Answer {
@@ -17,34 +21,90 @@ pub(super) fn inspect(job: &InspectJob) -> Answer {
     };
     let read = cameras::read_scene(&job.path, &options)?;
     if read.source == CameraSource::Cams {
-        return inspect_cams(job, read, options);
+        return inspect_cams(job, read);
     }
     Ok((source_name(read.source), camera_facts(read)))
 }
 
-/// Cams do not know their images' size: it is taken from an image where the folder has one.
-fn inspect_cams(job: &InspectJob, read: ReadCameras, options: CamerasOptions) -> Answer {
-    let image = read.scene.views().first().and_then(|view| {
-        let beside = job.path.parent().unwrap_or(&job.path);
-        find_image(&job.path, view.id).or_else(|| find_image(beside, view.id))
-    });
-    let Some(image) = image else {
+/// Cams do not know their images' sizes: they are taken from the images where the folder has some.
+fn inspect_cams(job: &InspectJob, mut read: ReadCameras) -> Answer {
+    let images = images_of(job, read.scene.views());
+    let Some(first) = images.iter().flatten().next() else {
         let mut facts = camera_facts(read);
         let text = "no images beside the cams: their size is taken as twice the principal point";
         facts.push(fact("note", text));
         return Ok((source_name(CameraSource::Cams), facts));
     };
-    let size = files::read_with(&image, mvs_datasets::format::image::read_size)?;
-    let options = CamerasOptions {
-        size: Some(size),
-        ..options
-    };
-    let read = cameras::read_scene(&job.path, &options)?;
-    let integer = are_half_pixel_off(&read.scene).then_some(INTEGER_CENTRES);
+    let from = first.display().to_string();
+    let given = images.iter().map(|image| size_of(image.as_deref()));
+    let given = given.collect::<Result<Vec<_>>>()?;
+    let sizes = of_images(read.scene.views(), &given);
+    read.scene = with_sizes(read.scene, &sizes)?;
+    let mut notes = size_notes(&read.scene, (&given, &sizes));
+    notes.extend(are_half_pixel_off(&read.scene).then(|| INTEGER_CENTRES.to_owned()));
     let mut facts = camera_facts(read);
-    facts.push(fact("image size from", image.display().to_string()));
-    facts.extend(integer.map(|note| fact("note", note)));
+    let count = images.iter().flatten().count();
+    facts.push(fact(
+        "image size from",
+        match count {
+            1 => from,
+            _ => format!("{from} and {} others", count - 1),
+        },
+    ));
+    facts.extend(notes.into_iter().map(|note| fact("note", note)));
     Ok((source_name(CameraSource::Cams), facts))
+}
+
+/// Each view's image in the folder of cams or beside it.
+fn images_of(job: &InspectJob, views: &[View]) -> Vec<Option<PathBuf>> {
+    let beside = job.path.parent().unwrap_or(&job.path);
+    let find = |id: u32| find_image(&job.path, id).or_else(|| find_image(beside, id));
+    views.iter().map(|view| find(view.id)).collect()
+}
+
+fn size_of(image: Option<&Path>) -> Result<Option<Size>> {
+    let size = image.map(|path| files::read_with(path, mvs_datasets::format::image::read_size));
+    let size = size.transpose()?;
+    Ok(size.map(|(width, height)| Size { width, height }))
+}
+
+/// What is odd about the sizes that images have and those of them that cams are taken to be for.
+fn size_notes(scene: &Scene, (given, taken): (&[Option<Size>], &[Option<Size>])) -> Vec<String> {
+    let mut notes = Vec::new();
+    let views = scene.views();
+    let sizes = views
+        .iter()
+        .map(|view| (view.camera.width(), view.camera.height()));
+    let distinct: BTreeSet<(u32, u32)> = sizes.collect();
+    if distinct.len() > 1 {
+        let texts = distinct
+            .iter()
+            .map(|(width, height)| format!("{width}x{height}"));
+        let texts: Vec<String> = texts.collect();
+        notes.push(format!(
+            "the views have different sizes: {}",
+            texts.join(", ")
+        ));
+    }
+    let mut refused = (views.iter().zip(given).zip(taken)).filter_map(|((view, given), taken)| {
+        (*given)
+            .filter(|_| taken.is_none())
+            .map(|size| (view.id, size))
+    });
+    if let Some((id, size)) = refused.next() {
+        notes.push(format!(
+            "{} images do not go with the principal point, the first is view {id}'s of {size} pixels: the \
+             cams are taken to be for images of another size, twice the principal point",
+            1 + refused.count()
+        ));
+    }
+    let without = given.iter().filter(|size| size.is_none()).count();
+    if without > 0 {
+        notes.push(format!(
+            "{without} views have no image beside the cams: their size is taken as twice the principal point"
+        ));
+    }
+    notes
 }
 
 fn source_name(source: CameraSource) -> &'static str {

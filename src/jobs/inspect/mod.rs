@@ -56,6 +56,10 @@ fn fact(name: &'static str, value: impl Into<String>) -> Fact {
 /// Looks at the path.
 pub fn run(job: &InspectJob, _context: &Context<'_>) -> Result<Inspection> {
     let path = &job.path;
+    if !path.exists() {
+        let problem = "expected a file or folder, found nothing there";
+        return Err(mvs_datasets::Error::layout(path, problem).into());
+    }
     let extension = path
         .extension()
         .unwrap_or_default()

@@ -22,7 +22,11 @@ fn missing_files_are_named() {
     assert_refused(&render_arguments(&mesh, &missing, &out), &["missing"]);
     assert_refused(
         &["inspect", text(&missing.with_extension("ply"))],
-        &["missing.ply"],
+        &["missing.ply", "found nothing there"],
+    );
+    assert_refused(
+        &["inspect", text(&missing)],
+        &["missing", "found nothing there"],
     );
     assert!(
         !out.join("run.toml").exists(),

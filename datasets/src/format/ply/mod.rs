@@ -73,16 +73,16 @@ pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
     vertices::cloud(&table)
 }
 
-/// Reads vertices and faces of a PLY. Texture coordinates are those of the faces (`texcoord`), else
+/// Reads vertices and faces of a PLY, in whatever order. Texture coordinates are those of the faces (`texcoord`), else
 /// of the vertices (s t, u v or texture_u texture_v). A file without faces is an error.
 pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(bytes, &header);
     let (mut vertices, mut faces) = (None, None);
     for element in &header.elements {
-        match (element.name.as_str(), &vertices) {
-            ("vertex", _) => vertices = Some(body.take_table(element)?),
-            ("face", Some(_)) => {
+        match element.name.as_str() {
+            "vertex" => vertices = Some(body.take_table(element)?),
+            "face" => {
                 let count = header.element("vertex").map_or(0, |vertex| vertex.count);
                 faces = Some(faces::take(element, &mut body, count)?);
             }
@@ -103,9 +103,23 @@ pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
 }
 
 fn no_mesh(header: &Header) -> FormatError {
-    let count = header.element("vertex").map_or(0, |vertex| vertex.count);
+    let count = |name| header.element(name).map_or(0, |element| element.count);
+    let others = header.elements.iter().filter(|element| element.count > 0);
+    let others = others.filter(|element| !matches!(element.name.as_str(), "vertex" | "face"));
+    let others: Vec<String> = others
+        .map(|element| format!("{} of `{}`", element.count, element.name))
+        .collect();
+    let rest = match (count("face"), others.is_empty()) {
+        (0, true) => ": a cloud is no mesh".to_owned(),
+        (0, false) => format!(
+            " but {}, which are not read: a mesh has its triangles as the element `face`",
+            others.join(", ")
+        ),
+        (faces, _) => format!(" of three corners or more among {faces}"),
+    };
     let problem = format!(
-        "expected vertices and after them faces, found {count} vertices and no faces: a cloud is no mesh"
+        "expected the elements vertex and face, found {} vertices and no faces{rest}",
+        count("vertex")
     );
     FormatError::new("header", problem)
 }

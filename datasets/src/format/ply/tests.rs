@@ -263,6 +263,23 @@ fn faces_are_cut_into_fans() {
 }
 
 #[test]
+fn faces_may_come_before_vertices() {
+    let element = "element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord";
+    let header = format!("{element}\nelement vertex 4\n{XYZ}");
+    let rows = "3 0 1 2 6 0 0 1 0 1 1\n3 2 1 3 0\n0 0 0\n1 0 0\n1 1 0\n2 1 0\n";
+    let mesh = read_mesh(&ascii(&header, rows)).unwrap().mesh;
+    assert_eq!(mesh.triangles(), [[0, 1, 2], [2, 1, 3]]);
+    assert_eq!(mesh.vertices()[3], DVec3::new(2.0, 1.0, 0.0));
+    assert_eq!(mesh.texture_coords().unwrap()[0][1], Vec2::new(1.0, 0.0));
+    let beyond = rows.replace("2 1 3", "2 1 4");
+    let error = read_mesh(&ascii(&header, &beyond)).unwrap_err().to_string();
+    assert!(
+        error.contains("face 1: expected vertex indices below 4"),
+        "{error}"
+    );
+}
+
+#[test]
 fn broken_meshes_get_one_sentence() {
     let with = |faces: &str, rows: &str| {
         let header = format!("element vertex 3\n{XYZ}\n{faces}");
@@ -271,7 +288,12 @@ fn broken_meshes_get_one_sentence() {
     };
     let list = "property list uchar int vertex_indices";
     for (faces, rows, expected) in [
-        ("", "", "found 3 vertices and no faces"),
+        ("", "", "found 3 vertices and no faces: a cloud is no mesh"),
+        (
+            "element tristrips 1\nproperty list int int vertex_indices",
+            "4 0 1 2 -1",
+            "no faces but 1 of `tristrips`, which are not read",
+        ),
         (
             &format!("element face 0\n{list}")[..],
             "",
@@ -280,7 +302,7 @@ fn broken_meshes_get_one_sentence() {
         (
             &format!("element face 1\n{list}"),
             "2 0 1",
-            "found 3 vertices and no faces",
+            "found 3 vertices and no faces of three corners or more among 1",
         ),
         (
             &format!("element face 1\n{list}"),

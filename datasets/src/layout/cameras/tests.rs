@@ -291,3 +291,28 @@ fn what_is_no_camera_is_said() {
         sentence(root.path(), &none).contains("cameras.txt: camera 3: camera: expected a pinhole")
     );
 }
+
+#[test]
+fn what_transforms_leave_in_place_is_a_note_and_a_frames_own_angle_counts() {
+    let root = tempfile::tempdir().unwrap();
+    let path = root.path().join("transforms.json");
+    put(
+        &path,
+        r#"{"fl_x": 100, "w": 8, "h": 6, "is_fisheye": true, "k1": 0.1,
+            "applied_transform": [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]], "frames": [
+            {"file_path": "1.jpg", "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]},
+            {"file_path": "2.jpg", "camera_angle_x": 1.5707963267948966,
+             "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]}"#,
+    );
+    let read = read(&path);
+    assert!(
+        read.notes[0].contains("applied_transform is left in place"),
+        "{:?}",
+        read.notes
+    );
+    let cameras: Vec<Camera> = read.scene.views().iter().map(|view| view.camera).collect();
+    assert_eq!(cameras[0].focal(), DVec2::splat(100.0));
+    assert!((cameras[1].focal() - 4.0).abs().max_element() < 1e-12);
+    let radial = [0.1, 0.0, 0.0, 0.0];
+    assert_eq!(cameras[1].distortion(), Distortion::Fisheye { radial });
+}
