@@ -26,7 +26,7 @@ pub(super) struct Row {
 
 impl Row {
     /// Refuses numbers of the row's line that the header does not name: which are which is not known then.
-    fn is_all_of(self, line: &str) -> Result<Self, String> {
+    fn all_of(self, line: &str) -> Result<Self, String> {
         let of_lists = self.lists.iter().map(|list| 1 + list.len());
         let expected = self.scalars.len() + of_lists.sum::<usize>();
         let found = line.split_ascii_whitespace().count();
@@ -185,7 +185,7 @@ impl<'a> Body<'a> {
                 Ok(row) => Ok(row),
                 Err(_) => repaired(parser, element, &line),
             };
-            return row.and_then(|row| row.is_all_of(&line)).map_err(|problem| {
+            return row.and_then(|row| row.all_of(&line)).map_err(|problem| {
                 let place = format!("{} {index} (line {})", element.name, self.line - 1);
                 FormatError::new(place, problem)
             });
