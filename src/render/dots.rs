@@ -29,12 +29,13 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
     #[inline(always)]
     fn ask_before(&mut self, row: usize) {
         let [triangles, vertices] = self.resolver.asked;
-        for row in triangles.max(row)..SIZE.min(row + TRIANGLES_AHEAD) {
+        let (_, rows) = self.part.size;
+        for row in triangles.max(row)..rows.min(row + TRIANGLES_AHEAD) {
             for first in (0..SIZE).step_by(LANES) {
                 self.ask_triangles((row, first));
             }
         }
-        for row in vertices.max(row)..SIZE.min(row + VERTICES_AHEAD) {
+        for row in vertices.max(row)..rows.min(row + VERTICES_AHEAD) {
             for first in (0..SIZE).step_by(LANES) {
                 self.ask_vertices((row, first));
             }
@@ -46,7 +47,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
     #[inline(always)]
     fn ask_triangles(&self, (row, first): (usize, usize)) {
         let triangles = self.place.eye.frame.mesh().triangles();
-        for &id in &self.tile.row(row, SIZE)[first..][..LANES] {
+        for &id in &self.ids(row)[first..][..LANES] {
             prefetch(triangles, if id == NONE { 0 } else { id } as usize);
         }
     }
@@ -56,7 +57,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
     fn ask_vertices(&mut self, (row, first): (usize, usize)) {
         let mesh = self.place.eye.frame.mesh();
         let (triangles, positions) = (mesh.triangles(), mesh.vertices());
-        let ids = &self.tile.row(row, SIZE)[first..][..LANES];
+        let ids = &self.ids(row)[first..][..LANES];
         let seen = &mut self.resolver.vertices[SIZE * (row % ROWS) + first..][..LANES];
         for (vertices, &id) in seen.iter_mut().zip(ids) {
             *vertices = triangles[if id == NONE { 0 } else { id } as usize];
@@ -69,13 +70,14 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
     /// Works out a row, and asks by the way for what is needed later: so neither waits for the other.
     #[inline(always)]
     fn dot_row<L: Lanes>(&mut self, l: L, row: usize, line: &mut Line) {
+        let (_, rows) = self.part.size;
         let (frame, y) = (&self.place.eye.frame, self.y(row));
         self.resolver.fresh.spots = [self.resolver.x, [y; SIZE]];
         for first in (0..SIZE).step_by(LANES) {
-            if row + TRIANGLES_AHEAD < SIZE {
+            if row + TRIANGLES_AHEAD < rows {
                 self.ask_triangles((row + TRIANGLES_AHEAD, first));
             }
-            if row + VERTICES_AHEAD < SIZE {
+            if row + VERTICES_AHEAD < rows {
                 self.ask_vertices((row + VERTICES_AHEAD, first));
             }
             let Resolver {
@@ -88,9 +90,9 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
                 fresh.set_up::<false>(self.window, (before, first));
             }
         }
+        let ids = self.ids(row);
         let fresh = &mut self.resolver.fresh;
         fresh.set_up::<false>(self.window, (SIZE - LANES, SIZE));
-        let ids = self.tile.row(row, SIZE);
         line.triangles[WORDS..].copy_from_slice(ids);
         let doubtful = fresh.write(l, line);
         let mut seen = 0;

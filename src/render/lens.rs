@@ -11,7 +11,6 @@
 use super::cluster::Cluster;
 use super::eye::Eye;
 use super::lanes::{LANES, Lanes};
-use super::raster::LAST;
 use super::tile::DOUBT;
 use glam::{DMat3, DVec2, DVec3};
 
@@ -77,6 +76,8 @@ pub(crate) struct Projected {
     pub(crate) extent: [f32; 4],
     /// How far samples are from whole numbers at most.
     pub(crate) away: f32,
+    /// The tile's last column and row.
+    pub(crate) last: [f32; 2],
     /// Whether there are at most 64 vertices.
     pub(crate) few: bool,
     /// Between which columns and rows of samples a vertex lies: see [`Self::find_cells`].
@@ -84,7 +85,8 @@ pub(crate) struct Projected {
 }
 
 impl Projected {
-    pub(crate) fn new(away: f32) -> Self {
+    /// For a tile of `width` × `height` samples.
+    pub(crate) fn new(away: f32, (width, height): (usize, usize)) -> Self {
         Self {
             x: [0.0; PLACES],
             y: [0.0; PLACES],
@@ -92,6 +94,7 @@ impl Projected {
             error: 0.0,
             extent: [0.0; 4],
             away,
+            last: [(width - 1) as f32, (height - 1) as f32],
             few: false,
             cells: [[0; PLACES]; 2],
         }
@@ -104,9 +107,10 @@ impl Projected {
     pub(crate) fn find_cells<L: Lanes>(&mut self, l: L, packs: usize) {
         let error = l.splat(self.error + self.away);
         let (zero, one) = (l.splat(0.0), l.splat(1.0));
-        let (last, end) = (l.splat(LAST), l.splat(LAST + 1.0));
         let [xs, ys] = &mut self.cells;
-        for (at, cells) in [(&self.x, xs), (&self.y, ys)] {
+        let [last_x, last_y] = self.last;
+        for (at, cells, last) in [(&self.x, xs, last_x), (&self.y, ys, last_y)] {
+            let (last, end) = (l.splat(last), l.splat(last + 1.0));
             let (at, _) = at.as_chunks();
             let (cells, _) = cells.as_chunks_mut();
             for (at, cells) in at.iter().zip(cells).take(packs) {

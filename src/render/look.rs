@@ -7,7 +7,7 @@ use super::lens::Place;
 use super::rays::Probe;
 use super::scan::scan;
 use super::surface::Frame;
-use super::tile::{SIZE, Spot, Tile};
+use super::tile::{Spot, Tile};
 use glam::DVec3;
 
 /// The tree of a mesh, and the largest distance from its centre.
@@ -108,7 +108,7 @@ impl<'p> Look<'p> {
     /// used part.
     #[inline(always)]
     pub(crate) fn row(&self, row: usize) -> &[u32] {
-        self.tile.row(row, SIZE)
+        self.tile.row(Spot { column: 0, row })
     }
 
     /// Whether the directions of a row's samples differ from another row's in y alone.
@@ -205,6 +205,7 @@ fn trace(scenery: Scenery<'_>, frame: &Frame<'_>, direction: DVec3) -> Option<Vi
 mod tests {
     use super::super::Renderer;
     use super::super::eye::Eye;
+    use super::super::tile::SIZE;
     use super::super::widths::shapes::{soup, terrain};
     use super::*;
     use glam::DVec2;

@@ -20,7 +20,7 @@ use super::planes::{Fresh, Pending, Plane, Window};
 use super::row::{Cross, Line, starts};
 use super::scan::scan;
 use super::surface::Frame;
-use super::tile::{NONE, SIZE, Tile};
+use super::tile::{NONE, SIDE, SIZE, Spot, Tile};
 use crate::ahead::{WORDS, prefetch};
 use crate::parallel;
 use glam::DVec3;
@@ -35,33 +35,57 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     let eye = Eye::new(*frame, 1);
     seen.resize(width * height);
-    let mut bands = Maps::of(seen).cut(width * SIZE);
+    let mut bands = Maps::of(seen).cut(width * SIDE);
     parallel::for_each_chunk_with((&mut bands, 1), Resolver::new, |resolver, band, maps| {
-        let row = band * SIZE;
-        let rows = SIZE.min(height - row);
+        let row = band * SIDE;
+        let rows = SIDE.min(height - row);
         let mut waiting = Waiting::new();
-        for column in (0..width).step_by(SIZE) {
+        for column in (0..width).step_by(SIDE) {
             let place = Place {
                 eye: &eye,
                 column,
                 row,
             };
-            let columns = SIZE.min(width - column);
+            let columns = SIDE.min(width - column);
             let tile = scan(clusters, (&place, None), (columns, rows));
             for maps in &mut *maps {
-                let row = |line: &mut Line, number: usize| {
-                    let row = Row {
-                        number,
-                        first: number * width + column,
-                        count: columns,
-                        joined: [column > 0, column + columns < width],
+                for part in parts(columns, rows) {
+                    let column = column + part.corner.column;
+                    let count = part.size.0;
+                    let row = |line: &mut Line, number: usize| {
+                        let number = part.corner.row + number;
+                        let row = Row {
+                            number,
+                            first: number * width + column,
+                            count,
+                            joined: [column > 0, column + count < width],
+                        };
+                        maps.stream(line, &row, &mut waiting);
                     };
-                    maps.stream(line, &row, &mut waiting);
-                };
-                resolver.resolve((&place, &tile), (columns, rows), row);
+                    resolver.resolve((&place, &tile), &part, row);
+                }
             }
         }
     });
+}
+
+/// A part of a tile of which the maps are worked out together.
+pub(super) struct Part {
+    /// Its first sample.
+    corner: Spot,
+    /// Columns and rows.
+    pub(super) size: (usize, usize),
+}
+
+/// The parts of a tile, each after those to its left.
+fn parts(columns: usize, rows: usize) -> impl Iterator<Item = Part> {
+    let tops = (0..rows).step_by(SIZE);
+    tops.flat_map(move |row| {
+        (0..columns).step_by(SIZE).map(move |column| Part {
+            corner: Spot { column, row },
+            size: (SIZE.min(columns - column), SIZE.min(rows - row)),
+        })
+    })
 }
 
 /// Slots of the memory of triangles that have been met; one more is for none.
@@ -121,7 +145,7 @@ impl Resolver {
         }
     }
 
-    /// Writes the pixels of one tile.
+    /// Writes the pixels of a tile of at most [`SIZE`] pixels a side.
     pub(crate) fn resolve_tile(
         &mut self,
         (place, tile): (&Place<'_>, &Tile),
@@ -130,18 +154,27 @@ impl Resolver {
     ) {
         seen.resize(columns * rows);
         let mut maps = Maps::of(seen);
-        self.resolve((place, tile), (columns, rows), |line, row| {
+        let whole = Part {
+            corner: Spot { column: 0, row: 0 },
+            size: (columns, rows),
+        };
+        self.resolve((place, tile), &whole, |line, row| {
             maps.put(line, row * columns, columns);
         });
     }
 
-    /// Works out the pixels of a tile and calls `put` with each row.
+    /// Works out the pixels of a part of a tile and calls `put` with each row.
     fn resolve(
         &mut self,
         (place, tile): (&Place<'_>, &Tile),
-        (columns, rows): (usize, usize),
+        part: &Part,
         put: impl FnMut(&mut Line, usize),
     ) {
+        let place = &Place {
+            column: place.column + part.corner.column,
+            row: place.row + part.corner.row,
+            ..*place
+        };
         self.set_up = 1;
         self.met = [(NONE, 0); SLOTS + 1];
         self.asked = [0; 2];
@@ -162,20 +195,20 @@ impl Resolver {
             place,
             window: &window,
             tile,
-            size: (columns, rows),
+            part,
             put,
         });
     }
 }
 
-/// A tile of the maps.
+/// A part of a tile of the maps.
 pub(super) struct Sheet<'s, P> {
     pub(super) resolver: &'s mut Resolver,
+    /// Of the part.
     pub(super) place: &'s Place<'s>,
     pub(super) window: &'s Window,
-    pub(super) tile: &'s Tile,
-    /// Used columns and rows.
-    size: (usize, usize),
+    tile: &'s Tile,
+    pub(super) part: &'s Part,
     /// As for [`Resolver::resolve`].
     pub(super) put: P,
 }
@@ -185,7 +218,7 @@ impl<P: FnMut(&mut Line, usize)> Task for Sheet<'_, P> {
 
     #[inline(always)]
     fn run<L: Lanes>(mut self, l: L) {
-        let (_, rows) = self.size;
+        let (_, rows) = self.part.size;
         let mut line = Line::NONE;
         for top in (0..rows).step_by(ROWS) {
             let count = ROWS.min(rows - top);
@@ -203,10 +236,17 @@ impl<P: FnMut(&mut Line, usize)> Task for Sheet<'_, P> {
     }
 }
 
-impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
+impl<'s, P: FnMut(&mut Line, usize)> Sheet<'s, P> {
     pub(super) fn y(&self, row: usize) -> f64 {
         let place = self.place;
         place.eye.direction(place.column, place.row + row).y
+    }
+
+    /// What the pixels of a row see.
+    pub(super) fn ids(&self, row: usize) -> &'s [u32] {
+        let Spot { column, row: top } = self.part.corner;
+        let row = top + row;
+        self.tile.row(Spot { column, row })
     }
 
     /// Finds where runs begin in some rows. Answers whether nearly every pixel sees a triangle of its own.
@@ -214,7 +254,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
     fn find_starts<L: Lanes>(&mut self, l: L, top: usize, count: usize) -> bool {
         let mut runs = 0;
         for row in 0..count {
-            let ids = self.tile.row(top + row, SIZE);
+            let ids = self.ids(top + row);
             let starts = starts(l, ids);
             self.resolver.rows[row % ROWS] = (starts, 0);
             runs += starts.count_ones();
@@ -240,7 +280,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
         let triangles = self.place.eye.frame.mesh().triangles();
         let (mut runs, mut waiting) = (0, 0);
         for row in 0..count {
-            let (ids, y) = (self.tile.row(top + row, SIZE), self.y(top + row));
+            let (ids, y) = (self.ids(top + row), self.y(top + row));
             let resolver = &mut *self.resolver;
             #[allow(clippy::cast_possible_truncation, reason = "at most 4097")]
             let planes = resolver.set_up as u32;
@@ -303,7 +343,7 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
     fn cross<L: Lanes>(&mut self, l: L, (top, row): (usize, usize), line: &mut Line) {
         let resolver = &*self.resolver;
         let (starts, first) = resolver.rows[row % ROWS];
-        let ids = self.tile.row(top + row, SIZE);
+        let ids = self.ids(top + row);
         if starts == 1 && ids[0] == NONE {
             return line.clear();
         }
@@ -364,19 +404,57 @@ mod tests {
         seen
     }
 
+    fn view(width: u32, height: u32) -> View {
+        let eye = DVec3::new(0.3, -0.7, 0.6).normalize() * 2.5;
+        let center = DVec2::new(f64::from(width), f64::from(height)) / 2.0 + DVec2::new(1.0, -1.0);
+        let focal = DVec2::splat(f64::from(height) + 5.0);
+        View {
+            id: 0,
+            name: String::new(),
+            camera: Camera::new(width, height, focal, center).unwrap(),
+            pose: Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0)).unwrap(),
+            depth_range: None,
+        }
+    }
+
+    #[test]
+    fn parts_of_a_tile_are_what_tiles_of_their_own_give() {
+        let (width, height) = (150, 140);
+        let mut surface = 0;
+        for mesh in [terrain(300), terrain(20), soup(3000, 6)] {
+            let (view, center) = (view(150, 140), mesh.bounds().center());
+            let (clusters, frame) = (
+                Clusters::new(&mesh, center),
+                Frame::new(&mesh, center, &view),
+            );
+            let mut whole = Seen::default();
+            see(&clusters, &frame, &mut whole);
+            let eye = &Eye::new(frame, 1);
+            for (column, row) in (0..9).map(|tile| (tile % 3 * SIZE, tile / 3 * SIZE)) {
+                let (columns, rows) = (SIZE.min(width - column), SIZE.min(height - row));
+                let place = Place { eye, column, row };
+                let tile = scan(&clusters, (&place, None), (columns, rows));
+                let mut own = Seen::default();
+                Resolver::new().resolve_tile((&place, &tile), (columns, rows), &mut own);
+                for down in 0..rows {
+                    let (from, to) = (down * columns, (row + down) * width + column);
+                    let (from, to) = (from..from + columns, to..to + columns);
+                    assert_eq!(own.triangles[from.clone()], whole.triangles[to.clone()]);
+                    assert_eq!(own.depth[from.clone()], whole.depth[to.clone()]);
+                    assert_eq!(own.normals[from.clone()], whole.normals[to.clone()]);
+                    assert_eq!(own.weights[from], whole.weights[to]);
+                }
+                surface += own.depth.iter().filter(|&&z| z > 0.0).count();
+            }
+        }
+        assert!(surface > 20_000, "{surface}");
+    }
+
     #[test]
     fn pixel_by_pixel_is_what_planes_give() {
         let (mut weights, mut moved, mut blank) = (0, 0, 0);
         for mesh in [terrain(300), terrain(20), soup(3000, 6)] {
-            let eye = DVec3::new(0.3, -0.7, 0.6).normalize() * 2.5;
-            let view = View {
-                id: 0,
-                name: String::new(),
-                camera: Camera::new(60, 50, DVec2::splat(55.0), DVec2::new(31.0, 24.0)).unwrap(),
-                pose: Pose::looking_at(eye, DVec3::ZERO, DVec3::new(0.1, 0.2, 1.0)).unwrap(),
-                depth_range: None,
-            };
-            let center = mesh.bounds().center();
+            let (view, center) = (view(60, 50), mesh.bounds().center());
             let eye = Eye::new(Frame::new(&mesh, center, &view), 1);
             let place = Place {
                 eye: &eye,

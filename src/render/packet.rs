@@ -185,7 +185,7 @@ pub(super) struct Room {
 impl Room {
     pub(super) fn new() -> Self {
         Self {
-            scratch: Projected::new(0.0),
+            scratch: Projected::new(0.0, (SIZE, SIZE)),
             found: Vec::new(),
             children: Vec::new(),
             waiting: Vec::new(),

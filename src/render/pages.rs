@@ -3,7 +3,7 @@
 
 use super::Seen;
 use super::row::Line;
-use super::tile::SIZE;
+use super::tile::SIDE;
 use crate::ahead::{Stream, WORDS, Word, past_border};
 
 /// Some rows of all maps, pixel by pixel.
@@ -86,20 +86,20 @@ pub(super) struct Row {
 /// The last words of each row, map by map, and what writes them.
 pub(super) struct Waiting {
     stream: Stream,
-    triangles: [[u32; WORDS]; SIZE],
-    depth: [[f32; WORDS]; SIZE],
-    normals: [[f32; WORDS]; SIZE],
-    weights: [[f32; WORDS]; SIZE],
+    triangles: [[u32; WORDS]; SIDE],
+    depth: [[f32; WORDS]; SIDE],
+    normals: [[f32; WORDS]; SIDE],
+    weights: [[f32; WORDS]; SIDE],
 }
 
 impl Waiting {
     pub(super) fn new() -> Self {
         Self {
             stream: Stream::new(),
-            triangles: [[0; WORDS]; SIZE],
-            depth: [[0.0; WORDS]; SIZE],
-            normals: [[0.0; WORDS]; SIZE],
-            weights: [[0.0; WORDS]; SIZE],
+            triangles: [[0; WORDS]; SIDE],
+            depth: [[0.0; WORDS]; SIDE],
+            normals: [[0.0; WORDS]; SIDE],
+            weights: [[0.0; WORDS]; SIDE],
         }
     }
 }
@@ -115,10 +115,10 @@ fn send<T: Word>(
     stream: &Stream,
     (map, line): (&mut [T], &mut [T]),
     (row, words): (&Row, usize),
-    waiting: &mut [[T; WORDS]; SIZE],
+    waiting: &mut [[T; WORDS]; SIDE],
 ) {
     let (first, count) = (words * row.first, words * row.count);
-    let waiting = &mut waiting[row.number % SIZE];
+    let waiting = &mut waiting[row.number % SIDE];
     let past = past_border(map, first);
     let [joined_left, joined_right] = row.joined;
     let (mut from, mut to) = (WORDS - past, first.wrapping_sub(past));
@@ -141,13 +141,14 @@ fn send<T: Word>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::tile::SIZE;
     use super::*;
 
     /// Rows of numbered words, sent tile by tile to a map that begins `shift` words after some place.
     fn sent((width, rows): (usize, usize), words: usize, shift: usize) -> Vec<u32> {
         let mut memory = vec![u32::MAX; shift + words * width * rows];
         let map = &mut memory[shift..];
-        let mut waiting = [[0; WORDS]; SIZE];
+        let mut waiting = [[0; WORDS]; SIDE];
         let stream = Stream::new();
         for column in (0..width).step_by(SIZE) {
             for number in 0..rows {

@@ -10,7 +10,7 @@ use super::shade::Brushes;
 use super::sight::{Samples, Sight};
 use super::surface::{Facet, Frame};
 use super::texture::Parts;
-use super::tile::{NONE, SIZE, Spot};
+use super::tile::{NONE, SIDE, SIZE, Spot};
 use super::{Pixel, RenderOptions, Rendering, Seen};
 use crate::error::Result;
 use crate::parallel;
@@ -195,16 +195,18 @@ pub(crate) fn visible_count(scenery: Scenery<'_>, frame: &Frame<'_>) -> usize {
     let camera = frame.camera();
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     let eye = Eye::new(*frame, 1);
-    let across = width.div_ceil(SIZE);
-    let counts = parallel::map(across * height.div_ceil(SIZE), |index| {
-        let (column, row) = (index % across * SIZE, index / across * SIZE);
+    // Behind a lens, the more samples a tile has, the less evenly they lie.
+    let size = if eye.is_bent() { SIZE } else { SIDE };
+    let across = width.div_ceil(size);
+    let counts = parallel::map(across * height.div_ceil(size), |index| {
+        let (column, row) = (index % across * size, index / across * size);
         let place = Place {
             eye: &eye,
             column,
             row,
         };
-        let size = (SIZE.min(width - column), SIZE.min(height - row));
-        let look = Look::new(scenery, place, size);
+        let used = (size.min(width - column), size.min(height - row));
+        let look = Look::new(scenery, place, used);
         look.count()
     });
     counts.into_iter().sum()

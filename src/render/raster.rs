@@ -14,21 +14,12 @@ use super::lens::{Lens, Place, Projected, ULP};
 use super::near;
 use super::sieve::{Offers, Reach, Sieve, sieve};
 use super::strokes::Stored;
-use super::tile::{DOUBT, SIZE, STRIDE, Spot, Tile};
+use super::tile::{DOUBT, Spot, Tile};
 
-/// The first and the last sample of a tile.
-const WHOLE: (Spot, Spot) = (
-    Spot { column: 0, row: 0 },
-    Spot {
-        column: SIZE - 1,
-        row: SIZE - 1,
-    },
-);
 /// Samples per triangle up to which a cluster's triangles are sieved.
 const SIEVED_AREA: f32 = 4.0;
 /// Samples a side up to which triangles are drawn side by side.
 pub(super) const SMALL: usize = 5;
-pub(super) const LAST: f32 = (SIZE - 1) as f32;
 
 /// Draws clusters into one tile.
 pub(crate) struct Brush<'t> {
@@ -127,9 +118,10 @@ impl Brush<'_> {
         let Doubt {
             index, triangle, ..
         } = doubt;
+        let stride = self.tile.stride();
         let spot = Spot {
-            column: index % STRIDE,
-            row: index / STRIDE,
+            column: index % stride,
+            row: index / stride,
         };
         let place = self.place;
         let direction = match self.bent {
@@ -160,16 +152,19 @@ impl Task for Draw<'_, '_> {
     fn run<L: Lanes>(self, l: L) {
         let Self(brush, cluster) = self;
         if !brush.lens.project(l, cluster, brush.scratch) {
+            let [column, row] = brush.scratch.last;
+            let whole = (spot(0.0, 0.0), spot(column, row));
             for (_, triangle) in cluster.triangles() {
-                brush.draw_exactly(triangle, WHOLE);
+                brush.draw_exactly(triangle, whole);
             }
             return;
         }
         let error = brush.scratch.error + brush.scratch.away;
         let [left, right, top, bottom] = brush.scratch.extent;
+        let last = brush.scratch.last;
         let (Some(columns), Some(rows)) = (
-            covered(left - error, right + error),
-            covered(top - error, bottom + error),
+            covered(left - error, right + error, last[0]),
+            covered(top - error, bottom + error, last[1]),
         ) else {
             return;
         };
@@ -200,18 +195,18 @@ fn is_fine([left, right, top, bottom]: [f32; 4], triangles: usize) -> bool {
     (right - left) * (bottom - top) < SIEVED_AREA * triangles as f32
 }
 
-/// First and last sample of the tile between two coordinates; `None` when there is none.
+/// First and last sample between two coordinates, up to the tile's last; `None` when there is none.
 #[inline(always)]
-fn covered(low: f32, high: f32) -> Option<(usize, usize)> {
-    if !(low <= LAST && high >= 0.0) {
+fn covered(low: f32, high: f32, last: f32) -> Option<(usize, usize)> {
+    if !(low <= last && high >= 0.0) {
         return None;
     }
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
-        reason = "between 0 and SIZE"
+        reason = "between 0 and SIDE"
     )]
-    let (first, last) = (low.max(0.0).ceil() as usize, high.min(LAST) as usize);
+    let (first, last) = (low.max(0.0).ceil() as usize, high.min(last) as usize);
     (first <= last).then_some((first, last))
 }
 
@@ -327,7 +322,8 @@ impl<L: Lanes> Group<L> {
     /// all triangles at a time.
     #[inline(always)]
     fn draw_small(&self, l: L, brush: &mut Brush<'_>, eight: &Eight, bits: u32) {
-        let first = l.mul_add(self.rows[0], l.splat(STRIDE as f32), self.columns[0]);
+        let stride = l.splat(brush.tile.stride() as f32);
+        let first = l.mul_add(self.rows[0], stride, self.columns[0]);
         let numbers = l.load(&eight.numbers);
         let below = l.sub(l.splat(0.0), self.doubt);
         for y in 0..SMALL {
@@ -336,6 +332,7 @@ impl<L: Lanes> Group<L> {
             if high == 0 {
                 break;
             }
+            let first = l.mul_add(down, stride, first);
             let mut start = self.at;
             for edge in 0..3 {
                 start[edge] = l.mul_add(self.along_y[edge], down, start[edge]);
@@ -354,7 +351,7 @@ impl<L: Lanes> Group<L> {
                 let inside = wide & l.less(self.doubt, least);
                 let maybe = wide & !inside & !l.less(least, below);
                 let nearness = between(l, at, self.nearness);
-                let index = l.add(first, l.splat((x + y * STRIDE) as f32));
+                let index = l.add(first, right);
                 brush.offers.put(l, inside, [index, nearness, numbers]);
                 if maybe != 0 {
                     brush.settle_lanes((maybe, eight), l.store(index), l.store(nearness));

@@ -7,7 +7,7 @@ use super::lanes::{LANES, Lanes, SetBits, Task, dispatch, whole};
 use super::lens::{Grid, Lens, Place, Projected};
 use super::raster::Brush;
 use super::sieve::{Offers, Sieve};
-use super::tile::{SIZE, Spot, Tile};
+use super::tile::{SIDE, Spot, Tile};
 use glam::{DMat3, DVec2, DVec3};
 
 /// Rounding of boxes in the camera frame, relative to the coordinates that enter.
@@ -39,7 +39,7 @@ pub(crate) fn scan(
         place,
         bent,
         lens: &lens,
-        scratch: &mut Projected::new(away),
+        scratch: &mut Projected::new(away, (width, height)),
         sieve: &mut Sieve::new(),
         offers: &mut Offers::new(),
         doubts: &mut Doubts::default(),
@@ -145,7 +145,7 @@ impl Gaze {
         (grid, away): (&Grid, f32),
         (width, height): (usize, usize),
     ) -> Self {
-        debug_assert!(width <= SIZE && height <= SIZE);
+        debug_assert!(width <= SIDE && height <= SIDE);
         let border = |sample: f64| (DVec2::splat(sample) - grid.shift) / grid.focal;
         // One sample more on each side than the sample centres need.
         let low = border(-1.0 - f64::from(away));

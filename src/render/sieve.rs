@@ -4,7 +4,7 @@
 use super::cluster::{Cluster, Eight, MANY, MOST_TRIANGLES};
 use super::lanes::{ALL, LANES, Lanes, whole};
 use super::lens::Projected;
-use super::raster::{LAST, SMALL, spread};
+use super::raster::{SMALL, spread};
 
 /// Samples that a triangle which is drawn as a small one covers at most.
 const MOST_SAMPLES: usize = SMALL * SMALL;
@@ -32,9 +32,9 @@ impl<L: Lanes> Reach<L> {
         let (few, places) = (scratch.few, &eight.places);
         let reach = l.splat(scratch.error + scratch.away);
         let xs = l.gather(&scratch.x, few, places);
-        let columns = samples(l, xs, reach);
+        let columns = samples(l, xs, (reach, scratch.last[0]));
         let ys = l.gather(&scratch.y, few, places);
-        let rows = samples(l, ys, reach);
+        let rows = samples(l, ys, (reach, scratch.last[1]));
         let none = l.or(l.below(columns[1], columns[0]), l.below(rows[1], rows[0]));
         Self {
             xs,
@@ -46,12 +46,12 @@ impl<L: Lanes> Reach<L> {
     }
 }
 
-/// First and last sample between three coordinates, `error` allowed for.
+/// First and last sample between three coordinates, `error` allowed for, up to the tile's last.
 #[inline(always)]
-fn samples<L: Lanes>(l: L, corners: [L::V; 3], error: L::V) -> [L::V; 2] {
+fn samples<L: Lanes>(l: L, corners: [L::V; 3], (error, last): (L::V, f32)) -> [L::V; 2] {
     let (low, high) = spread(l, corners);
     let low = l.max(l.sub(low, error), l.splat(0.0));
-    let high = l.min(l.add(high, error), l.splat(LAST));
+    let high = l.min(l.add(high, error), l.splat(last));
     [l.ceil(low), l.floor(high)]
 }
 
@@ -237,7 +237,7 @@ mod tests {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 8) % count
         };
-        let mut projected = Projected::new(0.0);
+        let mut projected = Projected::new(0.0, (64, 64));
         let mut draft = Draft::default();
         let corner = [next(90) as f32 - 20.0, next(90) as f32 - 20.0];
         for vertex in 0..vertices {

@@ -9,7 +9,7 @@ use super::bent::Bent;
 use super::doubts::Doubt;
 use super::lanes::{ALL, LANES, Lanes, SetBits};
 use super::raster::{Brush, between, spot, spread};
-use super::tile::{STRIDE, Spot};
+use super::tile::Spot;
 
 /// What is known about eight triangles, in memory: see [`super::raster`].
 pub(super) struct Stored {
@@ -46,14 +46,15 @@ impl Stored {
             start[edge] = l.mul_add(along, steps, l.splat(self.at[edge][lane]));
             down[edge] = l.splat(self.along_y[edge][lane]);
         }
+        let stride = brush.tile.stride();
         let mut canvas = brush.tile.canvas();
         let mut unsettled = 0;
         // Most are no wider than one stroke.
         let mut first = from.column;
         loop {
             let mut y = l.splat(0.0);
-            let mut index = from.row * STRIDE + first;
-            let last = to.row * STRIDE + first;
+            let mut index = from.row * stride + first;
+            let last = to.row * stride + first;
             while index <= last {
                 let mut at = start;
                 for edge in 0..3 {
@@ -62,7 +63,7 @@ impl Stored {
                 y = l.add(y, one);
                 let (near, known) = pen.judge(l, at);
                 unsettled |= canvas.try_offer(l, index, (triangle, near), known);
-                index += STRIDE;
+                index += stride;
             }
             first += LANES;
             if first > to.column {
@@ -90,8 +91,9 @@ impl Stored {
         let doubt = self.doubt[lane];
         // Where strokes end: they reach beyond the last column.
         let width = (to.column - from.column + 1).next_multiple_of(LANES);
+        let end = brush.tile.stride().min(from.column + width);
         for row in from.row..=to.row {
-            for column in from.column..STRIDE.min(from.column + width) {
+            for column in from.column..end {
                 let (right, down) = ((column - from.column) as f32, (row - from.row) as f32);
                 let at = [0, 1, 2].map(|edge| {
                     let start = self.at[edge][lane] + self.along_y[edge][lane] * down;
@@ -100,7 +102,7 @@ impl Stored {
                 let [first, second, third] = [0, 1, 2].map(|corner| self.nearness[corner][lane]);
                 let nearness = at[2] * third + (at[1] * second + first);
                 let least = at[0].min(at[1]).min(at[2]);
-                let index = Spot { column, row }.index();
+                let index = brush.tile.index(Spot { column, row });
                 let shown = brush.tile.shows(index, triangle);
                 if !shown && least >= -doubt && !brush.tile.surely_hides(index, nearness) {
                     brush.doubt(Doubt {
@@ -126,7 +128,7 @@ impl Stored {
         let from = spot(self.columns[0][lane], self.rows[0][lane]);
         let to = spot(self.columns[1][lane], self.rows[1][lane]);
         let (above, below) = (l.splat(self.doubt[lane]), l.splat(-self.doubt[lane]));
-        let bent = brush.bent;
+        let (bent, stride) = (brush.bent, brush.tile.stride());
         for row in from.row..=to.row {
             for first in (from.column..=to.column).step_by(LANES) {
                 let at = self.edges(l, lane, (places(l, bent, (first, row)), from));
@@ -134,7 +136,7 @@ impl Stored {
                 let outside = l.less(least, below) & l.less(above, greatest);
                 let last = (to.column - first).min(LANES - 1);
                 for lane in SetBits(!outside & ALL >> (LANES - 1 - last)) {
-                    let index = row * STRIDE + first + lane;
+                    let index = row * stride + first + lane;
                     if !brush.tile.surely_hides(index, nearest) {
                         brush.doubt(Doubt {
                             index,
@@ -163,7 +165,8 @@ impl Stored {
         for row in from.row..=to.row {
             for first in (from.column..=to.column).step_by(LANES) {
                 let at = self.edges(l, lane, (places(l, Some(bent), (first, row)), from));
-                pen.stroke(l, brush, (row * STRIDE + first, triangle), at);
+                let index = brush.tile.index(Spot { column: first, row });
+                pen.stroke(l, brush, (index, triangle), at);
             }
         }
     }
@@ -233,7 +236,7 @@ impl<V: Copy> Pen<V> {
 /// Where eight samples from one on lie.
 #[inline(always)]
 fn places<L: Lanes>(l: L, bent: Option<&Bent>, (column, row): (usize, usize)) -> [L::V; 2] {
-    let index = row * STRIDE + column;
+    let index = Spot { column, row }.index();
     if let Some(bent) = bent
         && let Some(x) = bent.x[index..].first_chunk()
         && let Some(y) = bent.y[index..].first_chunk()

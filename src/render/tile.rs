@@ -4,14 +4,16 @@ use super::Visible;
 use super::lanes::{ALL, LANES, Lanes};
 use std::hint::select_unpredictable;
 
-/// Samples along each side.
+/// Most samples along each side: of smaller tiles, each cluster would lie in more.
+pub(crate) const SIDE: usize = 2 * SIZE;
+/// Samples along each side of the parts in which maps and colours are worked out.
 pub(crate) const SIZE: usize = 64;
-/// From a row to the next: a row is followed by samples that are never seen, so that lanes may
-/// reach beyond its end.
+/// From a row to the next of tiles no wider than [`SIZE`]: a row is followed by samples that are never
+/// seen, so that lanes may reach beyond its end.
 pub(crate) const STRIDE: usize = SIZE + LANES;
 /// Samples along each side of a block.
 pub(crate) const BLOCK: usize = 8;
-const BLOCKS: usize = SIZE / BLOCK;
+const BLOCKS: usize = SIDE / BLOCK;
 /// Stands for no triangle.
 pub(crate) const NONE: u32 = u32::MAX;
 /// Relative difference of depths above which the fast paths are trusted to know the nearer.
@@ -25,7 +27,7 @@ pub(crate) struct Spot {
 }
 
 impl Spot {
-    /// Where it stands in the columns of a tile.
+    /// Where it stands in the columns of a tile no wider than [`SIZE`].
     #[inline(always)]
     pub(crate) fn index(self) -> usize {
         self.row * STRIDE + self.column
@@ -38,32 +40,49 @@ pub(crate) struct Tile {
     /// 0 where there is no surface, infinite beyond the tile's used part.
     nearness: Vec<f32>,
     triangles: Vec<u32>,
+    /// From a row to the next.
+    stride: usize,
     /// The least nearness in each block, as of its last visit.
     least: [f32; BLOCKS * BLOCKS],
-    /// One bit per block whose `least` is out of date.
-    dirty: u64,
+    /// In each row of blocks, one bit per block whose `least` is out of date.
+    dirty: [u16; BLOCKS],
 }
 
 impl Tile {
     /// A tile of which `width` × `height` samples are used.
     pub(crate) fn new(width: usize, height: usize) -> Self {
-        let mut nearness = vec![0.0; STRIDE * SIZE];
-        for (index, row) in nearness.chunks_exact_mut(STRIDE).enumerate() {
+        let stride = if width > SIZE { SIDE + LANES } else { STRIDE };
+        let words = stride * height.next_multiple_of(BLOCK);
+        let mut nearness = vec![0.0; words];
+        for (index, row) in nearness.chunks_exact_mut(stride).enumerate() {
             let used = if index < height { width } else { 0 };
             row[used..].fill(f32::INFINITY);
         }
         Self {
             nearness,
-            triangles: vec![NONE; STRIDE * SIZE],
+            triangles: vec![NONE; words],
+            stride,
             least: [0.0; BLOCKS * BLOCKS],
-            dirty: u64::MAX,
+            dirty: [u16::MAX; BLOCKS],
         }
+    }
+
+    /// From a row of its columns to the next.
+    #[inline(always)]
+    pub(crate) fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// Where a sample stands in its columns.
+    #[inline(always)]
+    pub(crate) fn index(&self, spot: Spot) -> usize {
+        spot.row * self.stride + spot.column
     }
 
     /// Has nothing be seen at some samples, by their place in the columns.
     pub(crate) fn close_where(&mut self, closed: impl Fn(usize) -> bool) {
         for (index, nearness) in self.nearness.iter_mut().enumerate() {
-            if closed(index) {
+            if *nearness < f32::INFINITY && closed(index) {
                 *nearness = f32::INFINITY;
             }
         }
@@ -71,18 +90,18 @@ impl Tile {
 
     /// The visible triangle at a sample.
     pub(crate) fn triangle(&self, spot: Spot) -> Option<u32> {
-        let triangle = self.triangles[spot.index()];
+        let triangle = self.triangles[self.index(spot)];
         (triangle != NONE).then_some(triangle)
     }
 
-    /// The visible triangles of the first samples of a row, [`NONE`] where there is none.
-    pub(crate) fn row(&self, row: usize, width: usize) -> &[u32] {
-        &self.triangles[row * STRIDE..][..width]
+    /// The visible triangles of [`SIZE`] samples in a row from one on, [`NONE`] where there is none.
+    pub(crate) fn row(&self, first: Spot) -> &[u32] {
+        &self.triangles[self.index(first)..][..SIZE]
     }
 
     /// About 1 / z-depth of what a sample sees.
     pub(crate) fn nearness(&self, spot: Spot) -> f32 {
-        self.nearness[spot.index()]
+        self.nearness[self.index(spot)]
     }
 
     /// Whether no sample sees anything.
@@ -93,7 +112,7 @@ impl Tile {
     /// How many samples see something.
     pub(crate) fn count(&self) -> usize {
         let seen = |row: &[u32]| -> u32 { row.iter().map(|&t| u32::from(t != NONE)).sum() };
-        let rows = self.triangles.chunks_exact(STRIDE);
+        let rows = self.triangles.chunks_exact(self.stride);
         rows.map(|row| seen(row) as usize).sum()
     }
 
@@ -107,15 +126,16 @@ impl Tile {
             let nearness = seen.crossing.distance.recip() as f32;
             (seen.triangle as u32, nearness)
         });
-        self.triangles[spot.index()] = triangle;
-        self.nearness[spot.index()] = nearness;
+        let index = self.index(spot);
+        self.triangles[index] = triangle;
+        self.nearness[index] = nearness;
     }
 
     /// Takes over what `width` × `height` samples from one on see, which were drawn as a tile of their own.
     pub(crate) fn put_part(&mut self, first: Spot, part: &Self, (width, height): (usize, usize)) {
         for row in 0..height {
-            let from = Spot { column: 0, row }.index();
-            let to = first.index() + from;
+            let from = part.index(Spot { column: 0, row });
+            let to = self.index(first) + row * self.stride;
             self.nearness[to..][..width].copy_from_slice(&part.nearness[from..][..width]);
             self.triangles[to..][..width].copy_from_slice(&part.triangles[from..][..width]);
         }
@@ -124,8 +144,10 @@ impl Tile {
     /// Notes that samples between two corners, both included, have changed.
     pub(crate) fn touch(&mut self, from: Spot, to: Spot) {
         for row in from.row / BLOCK..=to.row / BLOCK {
-            let bits = (1u64 << (to.column / BLOCK - from.column / BLOCK + 1)) - 1;
-            self.dirty |= bits << (row * BLOCKS + from.column / BLOCK);
+            let bits = (2u32 << (to.column / BLOCK - from.column / BLOCK)) - 1;
+            #[allow(clippy::cast_possible_truncation, reason = "one bit per block")]
+            let bits = (bits << (from.column / BLOCK)) as u16;
+            self.dirty[row] |= bits;
         }
     }
 
@@ -139,11 +161,11 @@ impl Tile {
 
     fn least(&mut self, row: usize, column: usize) -> f32 {
         let block = row * BLOCKS + column;
-        if self.dirty >> block & 1 == 1 {
-            let corner = row * BLOCK * STRIDE + column * BLOCK;
+        if self.dirty[row] >> column & 1 == 1 {
+            let corner = row * BLOCK * self.stride + column * BLOCK;
             let mut least = [f32::INFINITY; BLOCK];
-            for row in 0..BLOCK {
-                let samples = &self.nearness[corner + row * STRIDE..][..BLOCK];
+            for down in 0..BLOCK {
+                let samples = &self.nearness[corner + down * self.stride..][..BLOCK];
                 for (least, &sample) in least.iter_mut().zip(samples) {
                     *least = if sample < *least { sample } else { *least };
                 }
@@ -152,7 +174,7 @@ impl Tile {
             let [a, b, c, d, e, f, g, h] = least;
             let (left, right) = (less(less(a, e), less(c, g)), less(less(b, f), less(d, h)));
             self.least[block] = less(left, right);
-            self.dirty &= !(1 << block);
+            self.dirty[row] &= !(1 << column);
         }
         self.least[block]
     }
@@ -200,8 +222,8 @@ impl Tile {
     #[inline(always)]
     pub(crate) fn canvas(&mut self) -> Canvas<'_> {
         Canvas {
-            nearness: &mut self.nearness[..STRIDE * SIZE],
-            triangles: &mut self.triangles[..STRIDE * SIZE],
+            nearness: &mut self.nearness,
+            triangles: &mut self.triangles,
         }
     }
 
@@ -213,7 +235,7 @@ impl Tile {
         (triangle, nearness): (u32, f32),
         exact: impl Fn(u32) -> Option<f64>,
     ) {
-        let index = spot.index();
+        let index = self.index(spot);
         let there = self.nearness[index];
         if nearness < there * (1.0 - DOUBT) {
             return;
@@ -300,26 +322,22 @@ mod tests {
 
     #[test]
     fn a_block_hides_only_what_is_behind_all_of_it() {
-        let mut tile = Tile::new(20, 20);
-        let (from, to) = (Spot { column: 0, row: 0 }, Spot { column: 7, row: 7 });
-        for row in 0..8 {
-            for column in 0..8 {
-                assert!(!tile.hides((from, to), 0.5));
-                tile.offer(Spot { column, row }, (1, 1.0), |_| None);
-                tile.touch(Spot { column, row }, Spot { column, row });
-            }
-        }
-        assert!(tile.hides((from, to), 0.5) && !tile.hides((from, to), 1.0));
-        assert!(!tile.hides((from, Spot { column: 8, row: 7 }), 0.5));
-        assert!(tile.hides(
-            (
-                Spot { column: 24, row: 0 },
-                Spot {
-                    column: 63,
-                    row: 63
+        for (size, side, first) in [(20, SIZE, 0), (100, SIDE, 88)] {
+            let mut tile = Tile::new(size, size);
+            let spot = |column, row| Spot { column, row };
+            let (from, to) = (spot(first, first), spot(first + 7, first + 7));
+            for row in first..first + 8 {
+                for column in first..first + 8 {
+                    assert!(!tile.hides((from, to), 0.5));
+                    tile.offer(spot(column, row), (1, 1.0), |_| None);
+                    tile.touch(spot(column, row), spot(column, row));
                 }
-            ),
-            0.5
-        ));
+            }
+            assert!(tile.hides((from, to), 0.5) && !tile.hides((from, to), 1.0));
+            assert!(!tile.hides((from, spot(first + 8, first + 7)), 0.5));
+            let beyond = size.next_multiple_of(BLOCK);
+            let unused = (spot(beyond, 0), spot(side - 1, beyond - 1));
+            assert!(tile.hides(unused, 0.5));
+        }
     }
 }
