@@ -319,7 +319,7 @@ fn what_is_no_mesh_gets_one_sentence() {
 
 /// What every OBJ below `formats` and `meshes` is read as, or the sentence that refuses it. Counts
 /// and areas were compared with trimesh, which agrees except where it fans concave polygons or
-/// misreads negative indices.
+/// misreads negative indices, and which keeps faces that are there both ways round.
 #[test]
 fn every_obj_at_hand_is_read_or_gets_one_sentence() {
     let (Some(formats), Some(meshes)) = (real_data("formats"), real_data("meshes")) else {
