@@ -48,6 +48,7 @@ mod triangle;
 #[cfg(test)]
 mod widths;
 
+use crate::ahead::in_large_pages;
 use crate::error::{Error, Result};
 pub use sight::{BackFaces, MIXED_JUMP, Sight};
 
@@ -167,11 +168,18 @@ impl Seen {
     pub const NO_TRIANGLE: u32 = u32::MAX;
 
     fn resize(&mut self, count: usize) {
-        self.triangles.resize(count, Self::NO_TRIANGLE);
-        self.depth.resize(count, 0.0);
-        self.normals.resize(count, [0.0; 3]);
-        self.weights.resize(count, [0.0; 2]);
+        resize(&mut self.triangles, count, Self::NO_TRIANGLE);
+        resize(&mut self.depth, count, 0.0);
+        resize(&mut self.normals, count, [0.0; 3]);
+        resize(&mut self.weights, count, [0.0; 2]);
     }
+}
+
+/// What is new lies in large pages, where there are some.
+fn resize<T: Copy>(values: &mut Vec<T>, count: usize, none: T) {
+    values.reserve(count.saturating_sub(values.len()));
+    in_large_pages(values.spare_capacity_mut());
+    values.resize(count, none);
 }
 
 /// The triangle that a ray sees, and where on it.
