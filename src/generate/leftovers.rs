@@ -89,6 +89,13 @@ const FOLDERS: [(&str, &[&str]); 14] = [
     ("sparse/0", &[]),
 ];
 
+/// The folders and files that some set has, in its folder.
+pub(crate) fn written() -> impl Iterator<Item = &'static str> {
+    let folders = FOLDERS.iter().map(|(name, _)| *name);
+    let files = ["scene.json", "transforms.json", "covisibility.npy"];
+    folders.filter(|name| !name.is_empty()).chain(files)
+}
+
 /// Whether a file's name is a view's id and one of the endings, in which eight zeros are an id too.
 fn is_of_a_view(file: &str, endings: &[&str]) -> bool {
     let after_id = |name: &str| {

@@ -21,6 +21,7 @@ pub mod visibility;
 
 pub(crate) use fit::same_shape;
 pub use fit::{Fit, covering};
+pub(crate) use leftovers::written;
 pub(crate) use pairs::count_behind;
 pub use pairs::{Covisibility, PairOptions};
 pub use photos::{PhotoFolder, Photographs};

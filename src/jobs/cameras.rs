@@ -80,16 +80,23 @@ fn some(sizes: &[Size]) -> Vec<Option<Size>> {
 /// of another one with such an image, or if it seems cut: twice the principal point has another shape, and is
 /// no multiple. `None` for twice the principal point.
 pub(super) fn of_images(views: &[View], images: &[Option<Size>]) -> Vec<Option<Size>> {
-    let pair = |size: Size| (size.width, size.height);
-    let own = views.iter().zip(images);
-    let fitting = own.clone();
-    let fitting =
-        fitting.filter_map(|(view, size)| size.filter(|&size| goes_with(size, &view.camera)));
-    let known: BTreeSet<(u32, u32)> = fitting.map(pair).collect();
+    let known = fitting(views, images);
     let is_for =
         |view: &View, size: &Size| known.contains(&pair(*size)) || is_cut(*size, &view.camera);
+    let own = views.iter().zip(images);
     own.map(|(view, size)| size.filter(|size| is_for(view, size)))
         .collect()
+}
+
+/// The sizes that go with the principal point of a view with an image of that size.
+fn fitting(views: &[View], images: &[Option<Size>]) -> BTreeSet<(u32, u32)> {
+    let own = views.iter().zip(images);
+    let fits = own.filter_map(|(view, size)| size.filter(|&size| goes_with(size, &view.camera)));
+    fits.map(pair).collect()
+}
+
+fn pair(size: Size) -> (u32, u32) {
+    (size.width, size.height)
 }
 
 /// Whether the principal point is in the inner half of images of this size, and farther from the middle along
@@ -99,10 +106,15 @@ fn is_cut(size: Size, camera: &Camera) -> bool {
     (twice.x / twice.y - 1.0).abs() >= NEAR && is_within(0.5, size, camera)
 }
 
-/// Says so where cams are taken to be for images whose middle is far from the principal point.
+/// Says so where cams are taken to be for images whose middle is far from the principal point, or from those
+/// of all views with such images.
 fn warn_of_far(views: &[View], sizes: &[Option<Size>], context: &Context<'_>) {
+    let known = fitting(views, sizes);
+    let is_sure = |view: &View, size: Size| {
+        known.contains(&pair(size)) && is_within(NOT_FAR, size, &view.camera)
+    };
     let far = |(view, size): (&View, &Option<Size>)| {
-        let size = size.filter(|&size| !is_within(NOT_FAR, size, &view.camera))?;
+        let size = size.filter(|&size| !is_sure(view, size))?;
         Some((view.id, size))
     };
     let mut far = views.iter().zip(sizes).filter_map(far);
@@ -287,9 +299,23 @@ mod tests {
         // The last one's middle is far from its principal point, as others' of that size are not.
         let images = sizes(&["128x96", "64x48", "48x64", "128x96"]);
         assert_eq!(of_images(&views, &images), images);
-        // Cut images, whose middle is elsewhere.
+        // Cut images, whose middle is elsewhere: all of them are said.
         let cut = sizes(&["90x96", "64x34", "40x64", "128x70"]);
         assert_eq!(of_images(&views, &cut), cut);
+        let (warnings, progress) = (Warnings::default(), Silent);
+        let context = Context {
+            progress: &progress,
+            warnings: &warnings,
+            force: false,
+        };
+        warn_of_far(&views, &images, &context);
+        assert!(warnings.sorted().is_empty());
+        warn_of_far(&views, &cut, &context);
+        let said = &warnings.sorted()[0].message;
+        assert!(
+            said.starts_with("the cams of 4 views") && said.contains("view 0's for 90x96"),
+            "{said}"
+        );
         // Images of half the size that the cams are for.
         let halves = sizes(&["64x48", "16x12", "12x16", "none"]);
         assert_eq!(of_images(&views, &halves), [None; 4]);

@@ -109,7 +109,8 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let run = Run::new("generate", job, &Inputs::list(&inputs, &[])?)?;
     let create = |(root, _): &(PathBuf, _)| {
         let out = OutDir::create_again(&root.join(&id), run.clone(), context.force)?;
-        out.check_not_read("").map(|()| out)
+        generate::written().try_for_each(|name| out.check_not_read(name))?;
+        Ok(out)
     };
     let outs = roots.iter().map(create).collect::<Result<Vec<_>>>();
     let mut outs = outs.map_err(of_unfinished)?;

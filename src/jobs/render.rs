@@ -55,6 +55,16 @@ pub enum RenderExtra {
     Sight,
 }
 
+impl RenderExtra {
+    fn folder(self) -> &'static str {
+        match self {
+            Self::Normals => "normals",
+            Self::InterpolatedNormals => "interpolated_normals",
+            Self::Sight => "sight",
+        }
+    }
+}
+
 /// What was rendered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RenderOutcome {
@@ -90,16 +100,6 @@ pub struct RenderedView {
 /// Views that one warning names.
 const NAMED: usize = 20;
 
-/// All folders that some run writes.
-const FOLDERS: [&str; 6] = [
-    "depth",
-    "color",
-    "cams",
-    "normals",
-    "interpolated_normals",
-    "sight",
-];
-
 /// Renders every view.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let mesh: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
@@ -127,9 +127,9 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
         Run::new("render", job, &OutDir::inputs(&job.out, &inputs)?)?,
         context.force,
     )?;
-    FOLDERS
-        .iter()
-        .try_for_each(|name| out.check_not_read(name))?;
+    let extras = job.extras.iter().map(|extra| extra.folder());
+    let mut folders = ["depth", "color", "cams"].into_iter().chain(extras);
+    folders.try_for_each(|name| out.check_not_read(name))?;
     let bent = cameras::lens_count(&scene);
     if bent > 0 {
         let message = format!(
@@ -207,20 +207,20 @@ fn write_extras(
         match extra {
             RenderExtra::Normals => {
                 if let Some(normals) = &rendering.normals {
-                    files::write_atomically(&name("normals", ".pfm"), |file| {
+                    files::write_atomically(&name(extra.folder(), ".pfm"), |file| {
                         pfm::write_color(file, normals)
                     })?;
                 }
             }
             RenderExtra::InterpolatedNormals => {
                 if let Some(normals) = &rendering.interpolated_normals {
-                    files::write_atomically(&name("interpolated_normals", ".pfm"), |file| {
+                    files::write_atomically(&name(extra.folder(), ".pfm"), |file| {
                         pfm::write_color(file, normals)
                     })?;
                 }
             }
             RenderExtra::Sight => {
-                files::write_atomically(&name("sight", ".png"), |file| {
+                files::write_atomically(&name(extra.folder(), ".png"), |file| {
                     image::write_gray_png(file, &rendering.sight.map(|sight| sight.level()))
                 })?;
             }

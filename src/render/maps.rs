@@ -35,10 +35,15 @@ pub(crate) fn see(clusters: &Clusters, frame: &Frame<'_>, seen: &mut Seen) {
     let (width, height) = (camera.width() as usize, camera.height() as usize);
     let eye = Eye::new(*frame, 1);
     seen.resize(width * height);
-    let mut bands = Maps::of(seen).cut(width * SIDE);
+    // Enough for all threads.
+    let side = match height.div_ceil(SIDE) < 2 * parallel::threads() {
+        true => SIZE,
+        false => SIDE,
+    };
+    let mut bands = Maps::of(seen).cut(width * side);
     parallel::for_each_chunk_with((&mut bands, 1), Resolver::new, |resolver, band, maps| {
-        let row = band * SIDE;
-        let rows = SIDE.min(height - row);
+        let row = band * side;
+        let rows = side.min(height - row);
         let mut waiting = Waiting::new();
         for column in (0..width).step_by(SIDE) {
             let place = Place {

@@ -130,7 +130,7 @@ impl WireCamera {
     fn or(self, shared: &Self) -> Self {
         let mut shared = shared.clone();
         if self.fl_x.is_none() && self.camera_angle_x.is_some() {
-            (shared.fl_x, shared.fl_y) = (None, None);
+            (shared.fl_x, shared.fl_y, shared.camera_angle_y) = (None, None, None);
         }
         if self.camera_model.is_some() || self.is_fisheye.is_some() {
             (shared.camera_model, shared.is_fisheye) = (None, None);

@@ -58,7 +58,8 @@ pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
 /// folder stands for all its meshes, and a last name with `*` or `?` for all that fit, in name order.
 /// Textures are found beside the file that names them, and only those that faces use are read; one
 /// that cannot be is noted, and its material's colour shows instead. Faces that are there both ways round
-/// are one with two sides, which is noted too.
+/// are one with two sides, which is noted too; of a large mesh those at a sample of the vertices are looked at
+/// first, and all if some are.
 pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<LoadedMesh> {
     let mut joined = Joined::default();
     let mut library = Library::default();

@@ -36,12 +36,19 @@ fn inspect_cams(job: &InspectJob, mut read: ReadCameras) -> Answer {
         return Ok((source_name(CameraSource::Cams), facts));
     };
     let from = first.display().to_string();
-    let given = images.iter().map(|image| size_of(image.as_deref()));
-    let given = given.collect::<Result<Vec<_>>>()?;
+    let mut unreadable = None;
+    let given = images.iter().map(|image| {
+        size_of(image.as_deref()).unwrap_or_else(|error| {
+            unreadable.get_or_insert(error.to_string());
+            None
+        })
+    });
+    let given: Vec<Option<Size>> = given.collect();
     let sizes = of_images(read.scene.views(), &given);
     read.scene = with_sizes(read.scene, &sizes)?;
     let mut notes = size_notes(&read.scene, (&given, &sizes));
     notes.extend(are_half_pixel_off(&read.scene).then(|| INTEGER_CENTRES.to_owned()));
+    notes.extend(unreadable);
     let mut facts = camera_facts(read);
     let count = images.iter().flatten().count();
     facts.push(fact(

@@ -57,6 +57,7 @@ fn a_run_that_failed_before_its_first_file_is_in_nobodys_way() {
 }
 
 /// By whatever name; what lies beside it is nobody's concern.
+#[cfg(unix)]
 #[test]
 fn what_is_read_is_not_written_over() {
     let folder = tempfile::tempdir().unwrap();

@@ -213,6 +213,8 @@ fn colors_are_bytes_or_fractions() {
     for (kind, row, expected) in [
         ("float", "0 0.5 256", "0 to 255, found 256"),
         ("float", "0 0.5 -1000", "0 to 1, found -1000"),
+        ("float", "0 0.5 1.02", "0 to 1, found 1.02"),
+        ("float", "-0.4 0 200", "0 to 255, found -0.4"),
         ("uint", "0 65536 2", "0 to 65535, found 65536"),
         ("int", "0 300 2", "0 to 255, found 300"),
     ] {

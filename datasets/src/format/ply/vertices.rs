@@ -47,11 +47,13 @@ pub(super) fn colors(table: &Table<'_>) -> Result<Option<Vec<[u8; 3]>>, FormatEr
         return Ok(None);
     };
     let white = white_of(table, columns);
+    let signed = !(columns.into_iter())
+        .any(|column| matches!(table.scalar(column), ScalarType::Float | ScalarType::Double));
     let mut first_bad = None;
     let colors = table.map(columns, |row, channels| {
         let mut color = [0; 3];
         for (byte, value) in color.iter_mut().zip(channels) {
-            match channel(value, white) {
+            match channel(value, (white, signed)) {
                 Some(found) => *byte = found,
                 None => first_bad = first_bad.or(Some((row, value))),
             }
@@ -80,7 +82,8 @@ fn white_of(table: &Table<'_>, columns: [usize; 3]) -> f64 {
     table.map(columns, |_, channels| {
         most = channels.into_iter().fold(most, f64::max);
     });
-    if is([ScalarType::Float, ScalarType::Double]) && most < 1.0 + SLACK {
+    if is([ScalarType::Float, ScalarType::Double]) && most <= 2.0 {
+        // What is a little above 1 is no fraction of 255 either: it is refused.
         1.0
     } else if is([ScalarType::UShort, ScalarType::UInt]) && most > 255.0 {
         65535.0
@@ -92,11 +95,11 @@ fn white_of(table: &Table<'_>, columns: [usize; 3]) -> f64 {
 /// How far fractions may lie beyond black and white.
 const SLACK: f64 = 0.01;
 
-/// A colour value as 8 bits. Signed bytes below 0 are bytes above 127.
-fn channel(value: f64, white: f64) -> Option<u8> {
+/// A colour value as 8 bits. `signed` bytes below 0 are bytes above 127.
+fn channel(value: f64, (white, signed): (f64, bool)) -> Option<u8> {
     let scaled = match white {
         1.0 if (-SLACK..=1.0 + SLACK).contains(&value) => 255.0 * value.clamp(0.0, 1.0),
-        255.0 if (-128.0..0.0).contains(&value) => value + 256.0,
+        _ if signed && (-128.0..0.0).contains(&value) => value + 256.0,
         _ if (0.0..=white).contains(&value) => value * (255.0 / white),
         _ => return None,
     };
