@@ -63,13 +63,17 @@ pub(crate) struct Lens {
     rounding: [[f64; 2]; 3],
 }
 
-/// A cluster's vertices on a tile. Sample centres have whole numbers, (0, 0) the tile's first.
+/// A cluster's vertices on a tile. Sample centres have whole numbers, (0, 0) the tile's first. Vectors of them
+/// begin where cache lines do: else each would be fetched from two.
 #[derive(Debug)]
+#[repr(C, align(64))]
 pub(crate) struct Projected {
     pub(crate) x: [f32; PLACES],
     pub(crate) y: [f32; PLACES],
     /// 1 / z-depth.
     pub(crate) nearness: [f32; PLACES],
+    /// Between which columns and rows of samples a vertex lies: see [`Self::find_cells`].
+    pub(crate) cells: [[u16; PLACES]; 2],
     /// By how many samples a vertex may be off.
     pub(crate) error: f32,
     /// Least x, greatest x, least y, greatest y.
@@ -80,8 +84,6 @@ pub(crate) struct Projected {
     pub(crate) last: [f32; 2],
     /// Whether there are at most 64 vertices.
     pub(crate) few: bool,
-    /// Between which columns and rows of samples a vertex lies: see [`Self::find_cells`].
-    pub(crate) cells: [[u16; PLACES]; 2],
 }
 
 impl Projected {
