@@ -78,12 +78,10 @@ pub(crate) fn resolve<T: DeserializeOwned>(
     global: &Global,
 ) -> anyhow::Result<T> {
     let flags = config::layer_of(flags)?;
-    let mut file = match &global.config {
+    let file = match &global.config {
         Some(path) => config::read_layer_of::<T>(path, command)?,
         None => toml::Table::new(),
     };
-    // Two ways to say how wide the blend's filter is.
-    config::give_way(&mut file, "sigma", (&flags, "d0"));
     Ok(config::resolve([file, flags])?)
 }
 

@@ -64,20 +64,17 @@ fn read_layer(path: &Path, command: &str) -> Result<Table> {
     Ok(run.options)
 }
 
-/// Removes `name` from the tables of `layer` in which `flags` has the value that stands in for it.
-pub fn give_way(layer: &mut Table, name: &str, (flags, instead): (&Table, &str)) {
-    if flags.contains_key(instead) {
-        layer.remove(name);
-    }
-    for (key, value) in layer {
-        if let (Value::Table(below), Some(Value::Table(above))) = (value, flags.get(key)) {
-            give_way(below, name, (above, instead));
-        }
-    }
-}
+/// Two ways to say one thing, of which the second wins: where a layer says the first, what lower layers
+/// say of the second does not count.
+const INSTEAD: [(&str, &str); 1] = [("d0", "sigma")];
 
 /// Overrides `base` with `over`, table by table.
 fn merge(base: &mut Table, over: Table) {
+    for (name, instead) in INSTEAD {
+        if over.contains_key(name) {
+            base.remove(instead);
+        }
+    }
     for (key, value) in over {
         match (base.get_mut(&key), value) {
             (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
@@ -148,12 +145,16 @@ mod tests {
         let file = table("sigma = 1.0\n[options.blend]\nsigma = 3.0\nmode = \"composite\"\n");
         let after = |flags: &str| {
             let mut file = file.clone();
-            give_way(&mut file, "sigma", (&table(flags), "d0"));
+            merge(&mut file, table(flags));
             file
         };
-        assert_eq!(after("options.blend.mode = \"reference\""), file);
-        let without = table("sigma = 1.0\n[options.blend]\nmode = \"composite\"\n");
-        assert_eq!(after("options.blend.d0 = 100.0"), without);
+        let beside = table("sigma = 1.0\n[options.blend]\nsigma = 3.0\nmode = \"reference\"\n");
+        assert_eq!(after("options.blend.mode = \"reference\""), beside);
+        let without = "sigma = 1.0\n[options.blend]\nmode = \"composite\"\nd0 = 100.0\n";
+        assert_eq!(after("options.blend.d0 = 100.0"), table(without));
         assert_eq!(after("d0 = 100.0").get("sigma"), None);
+        // A run.toml says both.
+        let both = "d0 = 5000.0\nsigma = 2.0";
+        assert_eq!(after(both)["sigma"], table(both)["sigma"]);
     }
 }

@@ -138,13 +138,7 @@ fn jobs_of(path: &Path, flags: &Table) -> Result<Vec<(String, Result<GenerateJob
     let job = |(place, scene): (usize, Table)| {
         let name = scene.get("name").and_then(Value::as_str);
         let name = name.map_or_else(|| format!("scene {}", place + 1), str::to_owned);
-        let (mut defaults, mut scene) = (defaults.clone(), seen_from(folder, scene));
-        // Two ways to say how wide the blend's filter is.
-        for above in [&scene, flags] {
-            config::give_way(&mut defaults, "sigma", (above, "d0"));
-        }
-        config::give_way(&mut scene, "sigma", (flags, "d0"));
-        let layers = [defaults, scene, flags.clone()];
+        let layers = [defaults.clone(), seen_from(folder, scene), flags.clone()];
         (name, config::resolve(layers))
     };
     Ok(manifest.scene.into_iter().enumerate().map(job).collect())

@@ -46,7 +46,7 @@ impl OutDir {
     /// input and one of whose result there are files among the inputs.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
         check_given(path)?;
-        check_not_read(path, &run)?;
+        check_place(path, &run)?;
         fs::create_dir_all(path).map_err(mvs_datasets::Error::io(path, "create the folder"))?;
         let mut out = Self::at(path, run);
         if out.has_files()? && !force && !out.is_marked(UNFINISHED) {
@@ -275,7 +275,7 @@ fn files_of_result(path: &Path) -> Vec<PathBuf> {
 
 /// No result goes into a folder that is read for it, and none replaces files that are read. A folder in which
 /// the result's own folder lies is read without the result.
-fn check_not_read(path: &Path, run: &Run) -> Result<()> {
+fn check_place(path: &Path, run: &Run) -> Result<()> {
     let Ok(real) = path.canonicalize() else {
         return Ok(());
     };

@@ -185,31 +185,17 @@ fn colors_are_bytes_or_fractions() {
             &format!("0 0 0 {row}"),
         ))
     };
-    assert_eq!(
-        read("uchar", "1 2 255").unwrap().colors(),
-        Some(&[[1, 2, 255]][..])
-    );
-    assert_eq!(
-        read("float", "0 0.5 1").unwrap().colors(),
-        Some(&[[0, 128, 255]][..])
-    );
-    assert_eq!(
-        read("char", "-1 -128 127").unwrap().colors(),
-        Some(&[[255, 128, 127]][..])
-    );
-    // Of other types the largest value says what white is.
-    assert_eq!(
-        read("float", "0 0.5 200").unwrap().colors(),
-        Some(&[[0, 1, 200]][..])
-    );
-    assert_eq!(
-        read("ushort", "0 65535 257").unwrap().colors(),
-        Some(&[[0, 255, 1]][..])
-    );
-    assert_eq!(
-        read("ushort", "0 255 3").unwrap().colors(),
-        Some(&[[0, 255, 3]][..])
-    );
+    for (kind, row, color) in [
+        ("uchar", "1 2 255", [1, 2, 255]),
+        ("float", "0 0.5 1", [0, 128, 255]),
+        ("char", "-1 -128 127", [255, 128, 127]),
+        // Of other types the largest value says what white is.
+        ("float", "0 0.5 200", [0, 1, 200]),
+        ("ushort", "0 65535 257", [0, 255, 1]),
+        ("ushort", "0 255 3", [0, 255, 3]),
+    ] {
+        assert_eq!(read(kind, row).unwrap().colors(), Some(&[color][..]), "{kind} {row}");
+    }
     for (kind, row, expected) in [
         ("float", "0 0.5 256", "0 to 255, found 256"),
         ("float", "0 0.5 -1000", "0 to 1, found -1000"),
