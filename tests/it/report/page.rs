@@ -9,6 +9,7 @@ use mvs_eval::report::contact_sheet::{self, SheetRow};
 use mvs_eval::report::curve_svg::{self, Curves};
 use mvs_eval::report::histogram_svg;
 use mvs_eval::report::html::{self, ErrorCloud, PackedCloud, Page, Picture, Plot};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// A page with everything on it, made of a synthetic scene whose sampled surface is moved by known

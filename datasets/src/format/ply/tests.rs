@@ -194,7 +194,11 @@ fn colors_are_bytes_or_fractions() {
         ("ushort", "0 65535 257", [0, 255, 1]),
         ("ushort", "0 255 3", [0, 255, 3]),
     ] {
-        assert_eq!(read(kind, row).unwrap().colors(), Some(&[color][..]), "{kind} {row}");
+        assert_eq!(
+            read(kind, row).unwrap().colors(),
+            Some(&[color][..]),
+            "{kind} {row}"
+        );
     }
     for (kind, row, expected) in [
         ("float", "0 0.5 256", "0 to 255, found 256"),
