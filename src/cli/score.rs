@@ -66,7 +66,7 @@ pub(crate) struct ScoreArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// tnt: `strict` (default) aligns robustly and lets ICP converge; `official` repeats the toolbox
-    /// with its slips
+    /// with its slips (of a mesh it would take the vertices: --mesh-as vertices)
     #[arg(long, value_enum)]
     profile: Option<ProfileName>,
     /// Tolerances in world units; the seven known tnt scenes bring their own

@@ -170,7 +170,18 @@ fn score_task(
     let inputs = task.files?;
     let folder = Path::new(&task.scene.name).join(&task.method);
     let name = folder.display().to_string();
+    // What only an alignment heeds is for the methods that come without a transform.
+    let (standard, aligned) = (ScoreJob::default(), inputs.transform.is_none());
+    let seeds = if aligned || job.refine {
+        job
+    } else {
+        &standard
+    }
+    .seeds;
+    let camera_distance = if aligned { job } else { &standard }.camera_distance;
     let job = ScoreJob {
+        seeds,
+        camera_distance,
         all: None,
         methods: None,
         protocol: Protocol::Tnt,

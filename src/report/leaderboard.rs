@@ -170,7 +170,8 @@ impl Value {
 
 /// Whether nothing is known against the record.
 pub(super) fn is_sound(record: &Record) -> bool {
-    ["", "ok"].contains(&record.status.as_str())
+    let status = record.status.trim();
+    status.is_empty() || status.eq_ignore_ascii_case("ok")
 }
 
 /// Whether the record has a value of any metric.

@@ -147,11 +147,19 @@ fn every_stage_is_held_against_its_exact_setting() {
 fn without_the_inputs_of_a_stage_it_says_what_is_missing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("tradeoff");
-    let refused = mvs_eval(&["tradeoff", "--out", text(&out)]);
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(
-        stderr(&refused).contains("expected the inputs of a stage"),
-        "{}",
-        stderr(&refused)
-    );
+    for (inputs, expected) in [
+        (&[][..], "expected the inputs of a stage"),
+        (&["--scene", "s"], "--scene: goes with --depths, which"),
+        (&["--depths", "d"], "--depths: goes with --scene, which"),
+        (&["--crop", "c"], "--crop: goes with --truth, which"),
+        (
+            &["--mesh", "m", "--size", "8x8"],
+            "--mesh: goes with --cameras, which",
+        ),
+    ] {
+        let refused = mvs_eval(&[&["tradeoff", "--out", text(&out)], inputs].concat());
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(stderr(&refused).contains(expected), "{}", stderr(&refused));
+        assert!(!out.exists());
+    }
 }

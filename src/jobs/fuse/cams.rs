@@ -67,6 +67,31 @@ fn present_views(job: &FuseJob, scene: &Scene, context: &Context<'_>) -> Result<
     Ok(present)
 }
 
+/// Says so where depth maps among the files have no cam.
+pub(super) fn warn_of_strays(
+    job: &FuseJob,
+    (files, entries): (&[&Path], &[Entry]),
+    context: &Context<'_>,
+) {
+    let known: BTreeSet<&Path> = entries.iter().map(|entry| entry.depth.as_path()).collect();
+    let is_stray = |path: &&Path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let number = name.strip_suffix(".pfm").unwrap_or_default();
+        let is_number = number.len() >= 8 && number.bytes().all(|byte| byte.is_ascii_digit());
+        is_number && path.parent() == Some(&*job.depths) && !known.contains(path)
+    };
+    let strays: BTreeSet<&Path> = files.iter().copied().filter(is_stray).collect();
+    if let Some(first) = strays.first() {
+        let message = format!(
+            "{}: {} depth maps are of views without a cam and are left out, the first is {}",
+            job.depths.display(),
+            strays.len(),
+            first.file_name().unwrap_or_default().display()
+        );
+        context.warnings.add("no-cam", message);
+    }
+}
+
 fn depth_path(job: &FuseJob, view: &View) -> PathBuf {
     job.depths.join(mvsnet::file_name(view.id, ".pfm"))
 }

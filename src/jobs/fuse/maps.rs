@@ -65,11 +65,10 @@ impl<'a> FolderMaps<'a> {
     /// Finds the files of `job` and reads the headers of its depth maps. The files of the result, `own` and
     /// the filtered depths, are no inputs.
     pub(super) fn open(job: &FuseJob, own: &[PathBuf], context: &Context<'a>) -> Result<Self> {
-        let entries = match Workspace::at(&job.scene) {
-            Some(workspace) if job.depths.as_os_str().is_empty() => {
-                workspace::entries(job, &workspace, context)?
-            }
-            _ => cams::entries(job, context)?,
+        let workspace = Workspace::at(&job.scene).filter(|_| job.depths.as_os_str().is_empty());
+        let entries = match &workspace {
+            Some(workspace) => workspace::entries(job, workspace, context)?,
+            None => cams::entries(job, context)?,
         };
         warn_of_missing_images(&entries, context);
         let inputs = job.inputs()?;
@@ -84,6 +83,9 @@ impl<'a> FolderMaps<'a> {
             turned: Mutex::default(),
             units: Mutex::default(),
         };
+        if workspace.is_none() {
+            cams::warn_of_strays(job, (&maps.inputs.files(), &maps.entries), context);
+        }
         maps.hash_others()?;
         Ok(maps)
     }

@@ -6,6 +6,7 @@ use super::input;
 use crate::error::{Error, Result};
 use crate::parallel;
 use crate::provenance::sha256;
+use crate::score::tnt::Profile;
 use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
 use mvs_metrics::Tolerance;
 use std::path::{Path, PathBuf};
@@ -134,7 +135,7 @@ fn check_options(job: &ScoreJob) -> Result<()> {
     }
     let frame = "the plain protocol takes clouds that share a frame";
     let aligned = "the plain protocol aligns nothing";
-    let standard = ScoreJob::default();
+    let [seeds, camera_distance] = alignment_options(job);
     let foreign = [
         (
             job.scene.is_some(),
@@ -143,14 +144,10 @@ fn check_options(job: &ScoreJob) -> Result<()> {
         ),
         (job.trajectory.is_some(), "--trajectory", frame),
         (job.refine, "--refine", aligned),
-        (job.profile != standard.profile, "--profile", aligned),
-        (job.seeds != standard.seeds, "--seeds", aligned),
+        (job.profile != Profile::default(), "--profile", aligned),
+        (seeds, "--seeds", aligned),
         (job.one_profile, "--one-profile", aligned),
-        (
-            job.camera_distance.to_bits() != standard.camera_distance.to_bits(),
-            "--camera-distance",
-            aligned,
-        ),
+        (camera_distance, "--camera-distance", aligned),
     ];
     match foreign.into_iter().find(|(given, _, _)| *given) {
         Some((_, option, why)) => {
@@ -198,18 +195,35 @@ fn check_paths(job: &ScoreJob) -> Result<()> {
         let problem = "belongs to --transform; an alignment by cameras is always refined";
         return Err(Error::invalid("--refine", problem));
     }
+    let plain =
+        "belongs to the plain protocol; --protocol tnt takes it from the scene folder and τ";
+    let aligned = "belongs to --trajectory or --refine: a --transform alone is taken as it is";
+    let fixed = job.transform.is_some() && !job.refine;
+    let [seeds, camera_distance] = alignment_options(job);
     let foreign = [
-        (job.truth.is_some(), "--truth"),
-        (job.crop.is_some(), "--crop"),
-        (job.voxel.is_some(), "--voxel"),
+        (job.truth.is_some(), "--truth", plain),
+        (job.crop.is_some(), "--crop", plain),
+        (job.voxel.is_some(), "--voxel", plain),
+        (fixed && seeds, "--seeds", aligned),
+        (
+            job.transform.is_some() && camera_distance,
+            "--camera-distance",
+            "belongs to --trajectory: a --transform comes without cameras",
+        ),
     ];
-    match foreign.iter().find(|(given, _)| *given) {
-        Some((_, option)) => Err(Error::invalid(
-            *option,
-            "belongs to the plain protocol; --protocol tnt takes it from the scene folder and τ",
-        )),
+    match foreign.into_iter().find(|(given, _, _)| *given) {
+        Some((_, option, why)) => Err(Error::invalid(option, why)),
         None => Ok(()),
     }
+}
+
+/// Whether seeds, and a distance of cameras, are asked for: only an alignment heeds them.
+fn alignment_options(job: &ScoreJob) -> [bool; 2] {
+    let standard = ScoreJob::default();
+    [
+        job.seeds != standard.seeds,
+        job.camera_distance.to_bits() != standard.camera_distance.to_bits(),
+    ]
 }
 
 /// The files given, the reconstruction and how it is aligned.

@@ -92,6 +92,43 @@ impl Default for TradeoffJob {
 }
 
 impl TradeoffJob {
+    /// A stage has both of the inputs that it needs, or none of its own; there is one.
+    fn check_stages(&self) -> Result<()> {
+        let path = |given: &Option<PathBuf>, option| (given.is_some(), option);
+        let stages: [&[(bool, &'static str)]; 3] = [
+            &[
+                path(&self.truth, "--truth"),
+                path(&self.reconstruction, "--reconstruction"),
+                path(&self.transform, "--transform"),
+                path(&self.crop, "--crop"),
+            ],
+            &[
+                path(&self.scene, "--scene"),
+                path(&self.depths, "--depths"),
+                path(&self.confidence, "--confidence"),
+                path(&self.fuse_truth, "--fuse-truth"),
+            ],
+            &[
+                (!self.mesh.is_empty(), "--mesh"),
+                path(&self.cameras, "--cameras"),
+                (self.size.is_some(), "--size"),
+            ],
+        ];
+        for stage in stages {
+            let given = stage.iter().find(|(given, _)| *given);
+            let missing = stage[..2].iter().find(|(given, _)| !given);
+            if let (Some((_, option)), Some((_, missing))) = (given, missing) {
+                let problem = format!("goes with {missing}, which is not given");
+                return Err(Error::invalid(*option, problem));
+            }
+        }
+        let first = stages.map(|stage| stage[0].0);
+        if first.contains(&true) || self.dataset.is_some() {
+            return Ok(());
+        }
+        Err(no_stage())
+    }
+
     fn inputs(&self) -> Vec<&Path> {
         let single = [
             &self.truth,
@@ -112,6 +149,12 @@ impl TradeoffJob {
     }
 }
 
+fn no_stage() -> Error {
+    let problem = "expected the inputs of a stage (truth and reconstruction; scene and depths; mesh and \
+                   cameras; dataset), found none";
+    Error::invalid("tradeoff", problem)
+}
+
 /// Measures and writes `tradeoff.csv`, `tradeoff.svg` and `tradeoff.md` (a sentence per knob). The
 /// results are measurements: only their errors are the same from run to run.
 pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
@@ -120,6 +163,7 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
             return Err(Error::invalid(option, "expected at least 1, found 0"));
         }
     }
+    job.check_stages()?;
     let out = OutDir::create(
         &job.out,
         Run::new("tradeoff", job, &OutDir::inputs(&job.out, &job.inputs())?)?,
@@ -133,11 +177,7 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     rows.extend(fuse::run(job, context)?);
     rows.extend(render::run(job, context)?);
     rows.extend(blend::run(job, context.progress)?);
-    let Some(svg) = plot::svg(&rows) else {
-        let problem = "expected the inputs of a stage (truth and reconstruction; scene and depths; \
-                       mesh and cameras; dataset), found none";
-        return Err(Error::invalid("tradeoff", problem));
-    };
+    let svg = plot::svg(&rows).ok_or_else(no_stage)?;
     out.write("tradeoff.csv", |file| rows::write_csv(file, &rows))?;
     out.write("tradeoff.svg", |file| file.write_all(svg.as_bytes()))?;
     out.write("tradeoff.md", |file| {

@@ -58,6 +58,27 @@ fn a_preset_beside_a_file_that_says_the_same_options_is_said_to_be_hidden() {
 }
 
 #[test]
+fn depth_maps_without_a_cam_are_told_of() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let (first, said) = cloud(&job, &[]);
+    assert!(!said.contains("without a cam"), "{said}");
+    let maps = Path::new(&job.depths);
+    for name in ["00000123.pfm", "00000124.pfm", "00000003_prob.pfm"] {
+        std::fs::copy(maps.join("00000003.pfm"), maps.join(name)).unwrap();
+    }
+    let (found, said) = cloud(&job, &[]);
+    assert_eq!(found, first);
+    assert!(
+        said.contains(
+            "2 depth maps are of views without a cam and are left out, the first is 00000123.pfm"
+        ),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_replay_elsewhere_asks_where_filtered_depths_go() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();

@@ -110,6 +110,15 @@ fn scores_without_a_threshold_do_not_stand_beside_those_with_one() {
             .title
             .ends_with(" · no threshold given")
     );
+    // Written by hand, a status may be in capitals.
+    let ok = |status: &str| Record {
+        status: status.into(),
+        ..record("a", "Barn", 0.5)
+    };
+    for (status, rank) in [("OK ", Some(1.0)), ("not ok", None)] {
+        let board = boards(&[ok(status)]).unwrap().remove(0);
+        assert_eq!(board.ranking(Metric::FScore)[0].mean_rank, rank, "{status}");
+    }
     // Where no score of a scene names one, nothing is told apart.
     let one = boards(&[
         record("a", "Barn", 0.5),

@@ -111,6 +111,44 @@ fn a_transform_in_other_units_is_named_with_the_unit() {
 }
 
 #[test]
+fn what_only_an_alignment_heeds_is_refused_beside_a_transform() {
+    let fixture = small();
+    fixture.put_transform("t.txt", scan_from_own());
+    let job = ScoreJob {
+        trajectory: None,
+        transform: Some(fixture.path("t.txt")),
+        ..fixture.job("out", TAU)
+    };
+    type Change = fn(&mut ScoreJob);
+    let changes: [(&str, Change); 2] = [
+        ("--seeds: belongs to --trajectory or --refine", |job| {
+            job.seeds = 3;
+        }),
+        ("--camera-distance: belongs to --trajectory: ", |job| {
+            job.camera_distance = 1.0;
+        }),
+    ];
+    for (expected, change) in changes {
+        let mut job = job.clone();
+        change(&mut job);
+        let said = run(&job).unwrap_err().to_string();
+        assert!(said.starts_with(expected), "{said}");
+    }
+    let refined = ScoreJob {
+        refine: true,
+        seeds: 2,
+        ..job
+    };
+    assert_eq!(
+        run(&refined)
+            .unwrap()
+            .spread
+            .map(|spread| spread.f_scores.len()),
+        Some(2)
+    );
+}
+
+#[test]
 fn a_transform_that_is_a_little_off_is_told_from_noise() {
     let fixture = small();
     let off = DMat4::from_translation(DVec3::new(0.0, 0.0, 0.12));

@@ -208,6 +208,25 @@ impl<'a> Body<'a> {
         Some(line)
     }
 
+    /// Refuses what is left after all elements but for blanks and zeros: the header states too little, or the file
+    /// was put together wrongly.
+    pub(super) fn check_end(&self) -> Result<(), FormatError> {
+        let blank = |byte: &u8| byte.is_ascii_whitespace() || *byte == 0;
+        if self.rest.iter().all(blank) {
+            return Ok(());
+        }
+        let place = match self.encoding {
+            Encoding::Ascii => format!("line {}", self.line),
+            _ => "after the last element".to_owned(),
+        };
+        let problem = format!(
+            "expected the end of the file after all that its header states, found {} more bytes: the header \
+             states too few elements, or something else was added",
+            self.rest.len()
+        );
+        Err(FormatError::new(place, problem))
+    }
+
     /// Refuses a count that the rest of the file cannot hold, before anything is allocated for it.
     fn check_room(&self, element: &ElementDef) -> Result<(), FormatError> {
         let each = match self.encoding {

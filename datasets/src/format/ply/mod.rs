@@ -66,10 +66,17 @@ pub fn read_summary(bytes: &[u8]) -> Result<PlySummary, FormatError> {
 
 /// Reads the vertices of a PLY: x y z, and where present nx ny nz, red green blue (integers, or
 /// floats in 0…1), `views`, `confidence`. Names are taken in any case, everything else is skipped;
-/// positions may be NaN. A file with no vertices gives an empty cloud.
+/// positions may be NaN, colours that are NaN are black. A file with no vertices gives an empty cloud; one that
+/// goes on after all that its header states is an error.
 pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
     let header = header::read(bytes)?;
-    let table = vertices::take(&header, &mut Body::new(bytes, &header))?;
+    let mut body = Body::new(bytes, &header);
+    let table = vertices::take(&header, &mut body)?;
+    // Faces and the like may come after the points; what they hold is not looked at.
+    let last = header.elements.iter().rfind(|element| element.count > 0);
+    if last.is_none_or(|element| element.name == "vertex") {
+        body.check_end()?;
+    }
     vertices::cloud(&table)
 }
 
@@ -89,6 +96,7 @@ pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
             _ => body.skip(element)?,
         }
     }
+    body.check_end()?;
     let (Some(table), Some(faces)) = (vertices, faces) else {
         return Err(no_mesh(&header));
     };

@@ -212,7 +212,40 @@ fn colors_are_bytes_or_fractions() {
         let expected = format!("vertex 0: expected color values from {expected}");
         assert!(error.contains(&expected), "{error}");
     }
-    assert!(read("float", "0 nan 0").is_err());
+    let unknown = read("float", "1 nan 0").unwrap();
+    assert_eq!(unknown.colors(), Some(&[[255, 0, 0]][..]));
+}
+
+/// What comes after the last element would be nobody's points.
+#[test]
+fn a_file_that_goes_on_is_refused() {
+    let header = format!("element vertex 2\n{XYZ}");
+    let text = |rows: &str| read_cloud(&ascii(&header, rows));
+    assert_eq!(text("0 0 0\n7 1 0\n\n").unwrap().len(), 2);
+    let error = text("0 0 0\n7 1 0\n8 0 0\n").unwrap_err().to_string();
+    assert!(error.contains("line 10: expected the end"), "{error}");
+    assert!(error.contains("found 6 more bytes"), "{error}");
+    let cloud = PointCloud::new(vec![DVec3::ONE; 2]);
+    let mut bytes = bytes_of(|out| write_cloud(out, &cloud, &[], &PlyOptions::default()));
+    bytes.extend([b'\n', 0, 0]);
+    assert_eq!(read_cloud(&bytes).unwrap().len(), 2, "padded");
+    bytes.extend([1; 12]);
+    let error = read_cloud(&bytes).unwrap_err().to_string();
+    assert!(error.contains("found 15 more bytes"), "{error}");
+    let triangle =
+        format!("element vertex 3\n{XYZ}\nelement face 1\nproperty list uchar int vertex_index");
+    let mesh = ascii(&triangle, "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 2 1\n");
+    assert!(
+        read_mesh(&mesh)
+            .unwrap_err()
+            .to_string()
+            .contains("line 14")
+    );
+    assert_eq!(
+        read_cloud(&mesh).unwrap().len(),
+        3,
+        "faces are not looked at"
+    );
 }
 
 /// A fourth number would be taken for nobody's.

@@ -95,9 +95,10 @@ fn white_of(table: &Table<'_>, columns: [usize; 3]) -> f64 {
 /// How far fractions may lie beyond black and white.
 const SLACK: f64 = 0.01;
 
-/// A colour value as 8 bits. `signed` bytes below 0 are bytes above 127.
+/// A colour value as 8 bits. `signed` bytes below 0 are bytes above 127; what is not known, NaN, is black.
 fn channel(value: f64, (white, signed): (f64, bool)) -> Option<u8> {
     let scaled = match white {
+        _ if value.is_nan() => 0.0,
         1.0 if (-SLACK..=1.0 + SLACK).contains(&value) => 255.0 * value.clamp(0.0, 1.0),
         _ if signed && (-128.0..0.0).contains(&value) => value + 256.0,
         _ if (0.0..=white).contains(&value) => value * (255.0 / white),
