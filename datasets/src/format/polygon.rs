@@ -1,6 +1,7 @@
 //! Polygons cut into triangles.
 
 use glam::{DVec2, DVec3};
+use std::cmp::Ordering;
 
 /// Corners up to which a concave polygon is cut properly; beyond, it becomes a fan.
 const MOST_CORNERS: usize = 1024;
@@ -8,10 +9,73 @@ const MOST_CORNERS: usize = 1024;
 /// Triangles, as indices into `corners`, that fill a polygon without crossing its outline: a fan
 /// where the polygon is convex, else ears cut off one by one (Meisters, "Polygons have ears",
 /// 1975). Outlines that cross themselves come out as a fan of what is left.
+///
+/// The same polygon is cut the same whichever corner is listed first and whichever way round, so that the two
+/// sides of a face are cut alike.
 pub(crate) fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
     if corners.len() == 3 {
         return vec![[0, 1, 2]];
     }
+    let (start, way) = beginning(corners);
+    let order: Vec<usize> = walk(corners.len(), start, way).collect();
+    let outline: Vec<DVec3> = order.iter().map(|&corner| corners[corner]).collect();
+    let mut triangles = cut(&outline);
+    if way == Way::Backward {
+        triangles.reverse();
+    }
+    for triangle in &mut triangles {
+        let [a, b, c] = triangle.map(|corner| order[corner]);
+        *triangle = match way {
+            Way::Forward => [a, b, c],
+            Way::Backward => [a, c, b],
+        };
+    }
+    triangles
+}
+
+/// In which order corners are gone through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Forward,
+    Backward,
+}
+
+/// All of `count` corners from `start` on.
+fn walk(count: usize, start: usize, way: Way) -> impl Iterator<Item = usize> {
+    (0..count).map(move |step| match way {
+        Way::Forward => (start + step) % count,
+        Way::Backward => (start + count - step) % count,
+    })
+}
+
+/// Where a polygon begins, however it is listed: at its least position, towards the lesser neighbour. What is
+/// alike in all that is to become a fan, which is the same either way.
+fn beginning(corners: &[DVec3]) -> (usize, Way) {
+    let compare = |a: DVec3, b: DVec3| {
+        let [a, b] = [a, b].map(|at| (at + 0.0).to_array()); // -0 is 0
+        let mut axes = a.iter().zip(&b).map(|(a, b)| a.total_cmp(b));
+        axes.find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+    };
+    let count = corners.len();
+    let least = (0..count).min_by(|&a, &b| compare(corners[a], corners[b]));
+    let least = least.unwrap_or_default();
+    if count > MOST_CORNERS {
+        return (least, Way::Forward);
+    }
+    let starts = (0..count).filter(|&start| compare(corners[start], corners[least]).is_eq());
+    let both = starts.flat_map(|start| [(start, Way::Forward), (start, Way::Backward)]);
+    let first = both.min_by(|&(a, way_a), &(b, way_b)| {
+        let pairs = walk(count, a, way_a).zip(walk(count, b, way_b));
+        let mut orders = pairs.map(|(a, b)| compare(corners[a], corners[b]));
+        orders
+            .find(|order| order.is_ne())
+            .unwrap_or(Ordering::Equal)
+    });
+    first.unwrap_or((0, Way::Forward))
+}
+
+/// The triangles of a polygon that begins where it is to begin.
+fn cut(corners: &[DVec3]) -> Vec<[usize; 3]> {
     let flat = flattened(corners);
     let mut left: Vec<usize> = (0..corners.len()).collect();
     let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
@@ -103,6 +167,70 @@ mod tests {
     fn convex_polygons_become_fans() {
         let square = lifted(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]);
         assert_eq!(triangulate(&square), [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    /// Triangles by the places of their corners, from the least one on, and their winding with respect to +Z.
+    fn places(corners: &[DVec3]) -> Vec<(Vec<[u64; 3]>, bool)> {
+        let triangles = triangulate(corners);
+        let place = |corner: usize| corners[corner].to_array().map(f64::to_bits);
+        let mut all: Vec<(Vec<[u64; 3]>, bool)> = (triangles.iter())
+            .map(|&[a, b, c]| {
+                let [p, q, r] = [a, b, c].map(|corner| corners[corner]);
+                let mut three: Vec<[u64; 3]> = [a, b, c].map(place).to_vec();
+                three.sort_unstable();
+                (three, (q - p).cross(r - p).z > 0.0)
+            })
+            .collect();
+        all.sort_unstable();
+        all
+    }
+
+    /// A bent quad, a pentagon, an arrow head, and a square with a slit to a hole in it.
+    #[test]
+    fn a_polygon_is_cut_the_same_from_any_corner_and_either_way_round() {
+        let bent = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.1, 0.5],
+            [1.2, 1.0, 0.0],
+            [0.1, 0.9, 0.7],
+        ];
+        let pentagon = [[1.0, 0.0], [2.0, 0.0], [2.5, 1.0], [1.5, 2.0], [0.5, 1.0]];
+        let arrow = [[0.0, 0.0], [2.0, -1.0], [1.0, 0.0], [2.0, 1.0]];
+        let slit = [
+            [0.0, 0.0],
+            [4.0, 0.0],
+            [4.0, 4.0],
+            [0.0, 4.0],
+            [0.0, 0.0],
+            [1.0, 1.0],
+            [1.0, 3.0],
+            [3.0, 3.0],
+            [3.0, 1.0],
+            [1.0, 1.0],
+        ];
+        let flat = |outline: &[[f64; 2]]| {
+            let lift = |&[x, y]: &[f64; 2]| DVec3::new(x, y, 0.1 * x + 0.237 * y);
+            outline.iter().map(lift).collect::<Vec<DVec3>>()
+        };
+        let outlines = [
+            bent.map(DVec3::from_array).to_vec(),
+            flat(&pentagon),
+            flat(&arrow),
+            flat(&slit),
+        ];
+        for outline in outlines {
+            let expected = places(&outline);
+            assert_eq!(expected.len(), outline.len() - 2);
+            let turned: Vec<(Vec<[u64; 3]>, bool)> =
+                expected.iter().map(|(at, up)| (at.clone(), !up)).collect();
+            for start in 0..outline.len() {
+                let mut listed = outline.clone();
+                listed.rotate_left(start);
+                assert_eq!(places(&listed), expected, "from {start}");
+                listed.reverse();
+                assert_eq!(places(&listed), turned, "from {start}, backward");
+            }
+        }
     }
 
     #[test]

@@ -3,9 +3,11 @@
 use super::body::{Body, Row};
 use super::header::is_scalar;
 use crate::error::FormatError;
+use crate::format::polygon::triangulate;
 use crate::scene::Corner;
-use glam::Vec2;
+use glam::{DVec3, Vec2};
 use ply_rs_bw::ply::ElementDef;
+use std::ops::Range;
 
 /// Triangles and what each says about its texture.
 #[derive(Debug, Default)]
@@ -15,6 +17,36 @@ pub(super) struct Faces {
     pub(super) texture_coords: Option<Vec<Corner>>,
     /// Per triangle, if the faces have texture numbers.
     pub(super) texture_numbers: Option<Vec<u32>>,
+    /// The triangles of each face of more than three corners: a fan from its first.
+    fans: Vec<Range<usize>>,
+}
+
+impl Faces {
+    /// Cuts polygons such that concave ones are filled too, now that it is known where vertices are.
+    pub(super) fn cut(&mut self, positions: &[DVec3]) {
+        for fan in std::mem::take(&mut self.fans) {
+            let triangles = &mut self.triangles[fan.clone()];
+            let outline = outline_of(triangles);
+            let position = |&vertex: &u32| positions[vertex as usize];
+            let cut = triangulate(&outline.iter().map(position).collect::<Vec<_>>());
+            for (triangle, corners) in triangles.iter_mut().zip(&cut) {
+                *triangle = corners.map(|corner| outline[corner]);
+            }
+            if let Some(coords) = &mut self.texture_coords {
+                let coords = &mut coords[fan];
+                let outline = outline_of(coords);
+                for (triangle, corners) in coords.iter_mut().zip(&cut) {
+                    *triangle = corners.map(|corner| outline[corner]);
+                }
+            }
+        }
+    }
+}
+
+/// The corners of a polygon that was cut into a fan.
+fn outline_of<T: Copy>(fan: &[[T; 3]]) -> Vec<T> {
+    let first = fan.iter().take(1).flat_map(|&[a, b, _]| [a, b]);
+    first.chain(fan.iter().map(|&[.., c]| c)).collect()
 }
 
 /// Where a face's properties are in a [`Row`].
@@ -44,7 +76,7 @@ impl FaceLayout {
     }
 }
 
-/// Takes all faces as triangles. Polygons are cut into fans; fewer than three corners are no face.
+/// Takes all faces as triangles, polygons as fans until [`Faces::cut`]; fewer than three corners are no face.
 pub(super) fn take(
     element: &ElementDef,
     body: &mut Body<'_>,
@@ -55,6 +87,7 @@ pub(super) fn take(
         triangles: Vec::new(),
         texture_coords: layout.texcoord.map(|_| Vec::new()),
         texture_numbers: layout.texnumber.map(|_| Vec::new()),
+        fans: Vec::new(),
     };
     body.take_rows(element, |index, row| {
         add_face(&mut faces, &layout, &row, vertex_count)
@@ -79,6 +112,10 @@ fn add_face(
         ));
     }
     let fan = 1..polygon.len().saturating_sub(1);
+    if fan.len() > 1 {
+        let first = faces.triangles.len();
+        faces.fans.push(first..first + fan.len());
+    }
     for k in fan.clone() {
         faces
             .triangles

@@ -38,7 +38,7 @@ pub struct ScalarColumn<'a> {
 /// A mesh and what its PLY says about textures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlyMesh {
-    /// Polygons are cut into fans of triangles. There is one material per texture file, in order and
+    /// Polygons are cut into triangles; concave ones properly. There is one material per texture file, in order and
     /// of its name; its texture itself is for the caller to read.
     pub mesh: Mesh,
     /// From `comment TextureFile`, in order.
@@ -140,10 +140,12 @@ fn texture_files(header: &Header) -> Vec<String> {
 
 fn mesh_of(
     table: &table::Table<'_>,
-    faces: Faces,
+    mut faces: Faces,
     texture_files: &[String],
 ) -> Result<Mesh, FormatError> {
     let wrong = || FormatError::at("elements vertex and face");
+    let positions = vertices::positions(table)?;
+    faces.cut(&positions);
     let per_vertex = vertices::texture_coords(table);
     let coords = faces.texture_coords.or_else(|| {
         let of = |vertex: u32| per_vertex.as_ref().map(|all| all[vertex as usize]);
@@ -152,7 +154,7 @@ fn mesh_of(
             .map(|&[a, b, c]| Some([of(a)?, of(b)?, of(c)?]))
             .collect()
     });
-    let mut mesh = Mesh::new(vertices::positions(table)?, faces.triangles).map_err(wrong())?;
+    let mut mesh = Mesh::new(positions, faces.triangles).map_err(wrong())?;
     if let Some(coords) = coords {
         mesh = mesh.with_texture_coords(coords).map_err(wrong())?;
     }

@@ -260,10 +260,47 @@ fn numbers_that_the_header_does_not_name_are_refused() {
     }
 }
 
+/// An arrow head, whose fan from the first corner would spill out, before the vertices and behind them; with
+/// texture coordinates per corner and a number.
 #[test]
-fn faces_are_cut_into_fans() {
+fn concave_faces_are_filled() {
+    let faces = "element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nproperty int texnumber";
+    let vertices = format!("element vertex 4\n{XYZ}");
+    let face_rows = "4 0 1 2 3 8 0 0 0.25 0 0.5 0 0.75 0 0\n3 0 1 2 6 0 0 0.25 0 0.5 0 1\n";
+    let vertex_rows = "1 0 0\n0.5 0.1 0\n0.5 1 0\n0 0 0\n";
+    let comments = "comment TextureFile a.png\ncomment TextureFile b.png";
+    for (header, rows) in [
+        (
+            format!("{comments}\n{vertices}\n{faces}"),
+            format!("{vertex_rows}{face_rows}"),
+        ),
+        (
+            format!("{comments}\n{faces}\n{vertices}"),
+            format!("{face_rows}{vertex_rows}"),
+        ),
+    ] {
+        let mesh = read_mesh(&ascii(&header, &rows)).unwrap().mesh;
+        let area: f64 = (0..2)
+            .map(|index| {
+                let [a, b, c] = mesh.corners(index);
+                0.5 * (b - a).cross(c - a).z
+            })
+            .sum();
+        assert!((area - 0.275).abs() < 1e-12, "{area}");
+        let coords = mesh.texture_coords().unwrap();
+        for (triangle, coords) in mesh.triangles().iter().zip(coords) {
+            let expected = triangle.map(|vertex| Vec2::new(0.25 * vertex as f32, 0.0));
+            assert_eq!(*coords, expected);
+        }
+        assert_eq!(mesh.triangles()[2], [0, 1, 2]);
+        assert_eq!(mesh.triangle_materials(), Some(&[0, 0, 1][..]));
+    }
+}
+
+#[test]
+fn convex_faces_are_cut_into_fans() {
     let vertices = format!("element vertex 5\n{XYZ}\nproperty float s\nproperty float t");
-    let rows = "0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n0 2 0 0 2\n";
+    let rows = "0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n-0.5 0.5 0 0 2\n";
     let header = format!("{vertices}\nelement face 3\nproperty list uchar int vertex_index");
     let mesh = read_mesh(&ascii(
         &header,
@@ -273,7 +310,7 @@ fn faces_are_cut_into_fans() {
     .mesh;
     assert_eq!(
         mesh.triangles(),
-        [[0, 1, 2], [0, 2, 3], [0, 3, 4], [4, 3, 2]]
+        [[4, 0, 1], [4, 1, 2], [4, 2, 3], [4, 3, 2]]
     );
     let coords = mesh.texture_coords().unwrap()[3];
     assert_eq!(
