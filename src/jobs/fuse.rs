@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FuseJob {
-    /// The scene: a folder with `cams/` (and `pair.txt`), and images for colours if there are any;
+    /// The scene: a folder with `cams/` (and `pair.txt`, in it or beside it), and images for colours if there are any;
     /// or a COLMAP dense workspace.
     pub scene: PathBuf,
     /// The folder of estimated depth maps, `<id>.pfm`; they may be smaller than the images. Empty

@@ -43,20 +43,19 @@ pub struct CamsOptions {
     pub size: Option<(u32, u32)>,
 }
 
-/// Reads every `<id>_cam.txt` in `folder` (or in `folder/cams`) and `pair.txt` where present.
+/// Reads every `<id>_cam.txt` in `folder` (or in `folder/cams`) and [`pairs_file`] where present.
 ///
 /// View names stay empty. Views that `pair.txt` does not list have no source views.
 pub fn read_scene(folder: &Path, options: &CamsOptions) -> Result<Scene> {
-    let (folder, paths) = find_cams(folder)?;
+    let (cams, paths) = find_cams(folder)?;
     let views = paths
         .iter()
         .map(|(&id, path)| read_view(path, id, options))
         .collect::<Result<Vec<_>>>()?;
     let scene = Scene::new(views)?;
-    let pairs = folder.join("pair.txt");
-    if !pairs.is_file() {
+    let Some(pairs) = pairs_beside(folder, &cams) else {
         return Ok(scene);
-    }
+    };
     let entries = files::read_text_with(&pairs, pair::read)?;
     with_pairs(scene, entries).map_err(Error::in_file(&pairs))
 }
@@ -68,9 +67,23 @@ pub fn has_cams(folder: &Path) -> Result<bool> {
 
 /// Every file that [`read_scene`] reads for `folder`.
 pub(super) fn scene_files(folder: &Path) -> Result<Vec<PathBuf>> {
-    let (folder, cams) = find_cams(folder)?;
-    let pairs = Some(folder.join("pair.txt")).filter(|path| path.is_file());
-    Ok(cams.into_values().chain(pairs).collect())
+    let (cams, paths) = find_cams(folder)?;
+    let pairs = pairs_beside(folder, &cams);
+    Ok(paths.into_values().chain(pairs).collect())
+}
+
+/// The `pair.txt` that goes with the cams of `folder`, if there is one: beside the cams, else beside their folder
+/// `cams/`, as in MVSNet's data sets.
+pub fn pairs_file(folder: &Path) -> Result<Option<PathBuf>> {
+    let found = first_cams(folder)?;
+    Ok(found.and_then(|(cams, _)| pairs_beside(folder, &cams)))
+}
+
+fn pairs_beside(given: &Path, cams: &Path) -> Option<PathBuf> {
+    let above = cams.parent().filter(|_| cams.ends_with("cams"));
+    let folders = [Some(cams), Some(given), above].into_iter().flatten();
+    let mut pairs = folders.map(|folder| folder.join("pair.txt"));
+    pairs.find(|path| path.is_file())
 }
 
 /// The folder that holds cams, and its cams by view id.
@@ -283,6 +296,30 @@ mod tests {
             read_scene(&root.path().join("cams"), &options).unwrap(),
             scene()
         );
+    }
+
+    /// As in MVSNet's data sets of DTU.
+    #[test]
+    fn pairs_may_lie_beside_the_folder_of_cams() {
+        let root = tempfile::tempdir().unwrap();
+        let (cams, above) = (root.path().join("cams"), root.path().join("pair.txt"));
+        write_all(&cams, PixelCentre::Half);
+        std::fs::rename(cams.join("pair.txt"), &above).unwrap();
+        let options = CamsOptions::default();
+        for given in [root.path(), &cams, &root.path().join("cams/")] {
+            assert_eq!(read_scene(given, &options).unwrap(), scene());
+            assert_eq!(pairs_file(given).unwrap(), Some(above.clone()));
+            assert!(scene_files(given).unwrap().contains(&above));
+        }
+        // Those beside the cams win, and of another folder's nothing is known.
+        files::write_atomically(&cams.join("pair.txt"), |out| write!(out, "0\n")).unwrap();
+        let without = Scene::new(scene().views().to_vec()).unwrap();
+        assert_eq!(read_scene(root.path(), &options).unwrap(), without);
+        std::fs::remove_file(cams.join("pair.txt")).unwrap();
+        let other = root.path().join("other");
+        std::fs::rename(&cams, &other).unwrap();
+        assert_eq!(read_scene(&other, &options).unwrap(), without);
+        assert_eq!(pairs_file(&other).unwrap(), None);
     }
 
     #[test]

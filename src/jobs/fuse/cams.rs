@@ -142,8 +142,8 @@ fn warn_of_no_pairs(job: &FuseJob, scene: &Scene, context: &Context<'_>) {
     let count = scene.views().len();
     if count > 1 && (0..count).all(|index| scene.sources_of(index).is_empty()) {
         let message = format!(
-            "{}: expected a pair.txt that lists source views, here or in cams/, found none: mvs-eval \
-             pairs writes one from a COLMAP model",
+            "{}: expected a pair.txt that lists source views, beside the cams or beside their folder cams/, \
+             found none: mvs-eval pairs writes one from a COLMAP model or a mesh",
             job.scene.display()
         );
         context.warnings.add("no-pairs", message);

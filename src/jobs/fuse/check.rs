@@ -5,6 +5,7 @@ use super::find::IMAGE_FOLDERS;
 use crate::error::{Error, Result};
 use crate::fuse::FuseMode;
 use mvs_datasets::layout::cameras::source_files;
+use mvs_datasets::layout::mvsnet;
 use mvs_datasets::layout::workspace::{StereoPass, Workspace};
 use std::path::PathBuf;
 
@@ -79,6 +80,8 @@ impl FuseJob {
             read.extend(files);
         }
         read.extend(beside);
+        let pairs = mvsnet::pairs_file(&self.scene)?;
+        read.extend(pairs.filter(|pairs| !read.iter().any(|part| pairs.starts_with(part))));
         read.extend(Some(self.depths.clone()).filter(|path| !path.as_os_str().is_empty()));
         read.extend(self.confidence.iter().cloned());
         read.extend([&self.masks, &self.crop].into_iter().flatten().cloned());

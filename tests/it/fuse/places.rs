@@ -107,6 +107,33 @@ fn a_source_that_is_listed_twice_counts_once() {
     assert_eq!(pairs(3), (true, both));
 }
 
+/// As in MVSNet's data sets: they are read, and an input like any.
+#[test]
+fn pairs_beside_the_folder_of_cams_count() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let usual = codes(&job).0.unwrap().points;
+    let above = folder.path().join("pair.txt");
+    std::fs::rename(folder.path().join("cams/pair.txt"), &above).unwrap();
+    let text = std::fs::read_to_string(&above).unwrap();
+    let run_file = folder.path().join("cloud.run.toml");
+    for given in ["", "cams"] {
+        write(&above, &text);
+        job.scene = folder.path().join(given);
+        let (outcome, warned) = codes(&job);
+        assert_eq!(
+            (outcome.unwrap().points, warned),
+            (usual, Vec::new()),
+            "{given}"
+        );
+        let changed = || Run::read(&run_file).unwrap().changed_inputs(&run_file);
+        assert_eq!(changed(), [""; 0]);
+        write(&above, format!("{text}\n"));
+        assert_eq!(changed().len(), 1, "{given}");
+    }
+}
+
 #[test]
 fn files_beside_the_result_are_kept_too() {
     let scene = scene();
