@@ -3,6 +3,7 @@
 use crate::error::FormatError;
 use crate::scene::Distortion;
 use glam::DMat4;
+use serde_json::Value;
 
 /// One frame, with what the file says for all frames filled in.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +38,7 @@ pub fn write(frames: &[Frame]) -> Result<String, String> {
     Ok(text + "\n")
 }
 
-fn wire_of(frame: &Frame) -> Result<serde_json::Value, String> {
+fn wire_of(frame: &Frame) -> Result<Value, String> {
     let missing = || format!("expected size, focal lengths and center in {}", frame.file);
     let (w, h) = frame.size.ok_or_else(missing)?;
     let [fl_x, fl_y] = frame.focal.ok_or_else(missing)?;
@@ -92,8 +93,8 @@ struct WireFile {
     #[serde(flatten)]
     shared: WireCamera,
     frames: Vec<WireFrame>,
-    applied_transform: Option<serde_json::Value>,
-    applied_scale: Option<serde_json::Value>,
+    applied_transform: Option<Value>,
+    applied_scale: Option<Value>,
 }
 
 #[derive(serde::Deserialize)]
@@ -120,8 +121,16 @@ struct WireCamera {
     k2: Option<f64>,
     k3: Option<f64>,
     k4: Option<f64>,
+    k5: Option<f64>,
+    k6: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
+    /// nerfstudio's k1, k2, k3, k4, p1 and p2.
+    distortion_params: Option<Vec<f64>>,
+    lens: Option<Value>,
+    ftheta_p0: Option<Value>,
+    latlong: Option<Value>,
+    is_latlong: Option<Value>,
 }
 
 impl WireCamera {
@@ -134,6 +143,9 @@ impl WireCamera {
         }
         if self.camera_model.is_some() || self.is_fisheye.is_some() {
             (shared.camera_model, shared.is_fisheye) = (None, None);
+        }
+        if self.coefficients().iter().any(Option::is_some) {
+            shared.distortion_params = None;
         }
         Self {
             camera_model: self.camera_model.or(shared.camera_model),
@@ -150,8 +162,63 @@ impl WireCamera {
             k2: self.k2.or(shared.k2),
             k3: self.k3.or(shared.k3),
             k4: self.k4.or(shared.k4),
+            k5: self.k5.or(shared.k5),
+            k6: self.k6.or(shared.k6),
             p1: self.p1.or(shared.p1),
             p2: self.p2.or(shared.p2),
+            distortion_params: self.distortion_params.or(shared.distortion_params),
+            lens: self.lens.or(shared.lens),
+            ftheta_p0: self.ftheta_p0.or(shared.ftheta_p0),
+            latlong: self.latlong.or(shared.latlong),
+            is_latlong: self.is_latlong.or(shared.is_latlong),
+        }
+    }
+
+    /// k1 to k6, p1 and p2 as single values.
+    fn coefficients(&self) -> [Option<f64>; 8] {
+        [
+            self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2,
+        ]
+    }
+
+    /// Refuses lenses that are said otherwise than by a camera model and coefficients.
+    fn refuse_other_lenses(&self) -> Result<(), String> {
+        let is_set = |value: &Value| !matches!(value, Value::Null | Value::Bool(false));
+        let is_plain = |value: &Value| {
+            let name = value.as_str().unwrap_or_default().to_ascii_lowercase();
+            ["perspective", "pinhole", "opencv"].contains(&name.as_str())
+        };
+        let others = [
+            ("lens", &self.lens),
+            ("ftheta_p0", &self.ftheta_p0),
+            ("latlong", &self.latlong),
+            ("is_latlong", &self.is_latlong),
+        ];
+        for (name, value) in others {
+            let value = value.as_ref().filter(|value| is_set(value));
+            if let Some(value) = value.filter(|value| name != "lens" || !is_plain(value)) {
+                let value: String = value.to_string().chars().take(40).collect();
+                return Err(format!(
+                    "expected the lens as a camera_model with k1 … p2, found {name} {value}, which is not read: \
+                     take it out if it says nothing of the lens"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// k1 to k6, and p1 and p2: of the list, if there is one, as nerfstudio reads it.
+    fn radial_tangential(&self) -> Result<([f64; 6], [f64; 2]), String> {
+        match self.distortion_params.as_deref() {
+            Some(&[k1, k2, k3, k4, p1, p2]) => Ok(([k1, k2, k3, k4, 0.0, 0.0], [p1, p2])),
+            Some(others) => Err(format!(
+                "expected distortion_params as k1 k2 k3 k4 p1 p2, found {} numbers",
+                others.len()
+            )),
+            None => {
+                let [radial @ .., p1, p2] = self.coefficients().map(Option::unwrap_or_default);
+                Ok((radial, [p1, p2]))
+            }
         }
     }
 
@@ -185,29 +252,35 @@ impl WireCamera {
     }
 
     fn distortion(&self) -> Result<Distortion, String> {
+        self.refuse_other_lenses()?;
         let model = self.model()?;
-        let radial = [self.k1, self.k2, self.k3, self.k4].map(Option::unwrap_or_default);
-        let tangential = [self.p1, self.p2].map(Option::unwrap_or_default);
-        let [k1, k2, k3, k4] = radial;
+        let (radial, tangential) = self.radial_tangential()?;
+        let [k1, k2, k3, rational @ ..] = radial;
+        let none_of =
+            |names: &str, kind: &str, values: &[f64]| match values.iter().find(|v| **v != 0.0) {
+                Some(found) => Err(format!(
+                    "expected no {names} in a camera that is {kind}, found {found}"
+                )),
+                None => Ok(()),
+            };
         match model {
-            "OPENCV_FISHEYE" => Ok(Distortion::Fisheye { radial }),
+            "OPENCV_FISHEYE" => {
+                none_of("k5 and k6", "a fisheye", &rational[1..])?;
+                let radial = [k1, k2, k3, rational[0]];
+                Ok(Distortion::Fisheye { radial })
+            }
             "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL"
-            | "perspective" => {
-                if k4 != 0.0 {
-                    return Err(format!(
-                        "expected no k4 in a camera that is no fisheye, found {k4}"
-                    ));
+            | "perspective" | "FULL_OPENCV" => {
+                if model != "FULL_OPENCV" {
+                    none_of("k4, k5 and k6", "no fisheye and not FULL_OPENCV", &rational)?;
                 }
-                if radial == [0.0; 4] && tangential == [0.0; 2] {
+                if radial == [0.0; 6] && tangential == [0.0; 2] {
                     return Ok(Distortion::None);
                 }
-                Ok(Distortion::RadialTangential {
-                    radial: [k1, k2, k3, 0.0, 0.0, 0.0],
-                    tangential,
-                })
+                Ok(Distortion::RadialTangential { radial, tangential })
             }
             other => Err(format!(
-                "expected the camera model OPENCV, OPENCV_FISHEYE or PINHOLE, found `{}`",
+                "expected the camera model OPENCV, FULL_OPENCV, OPENCV_FISHEYE or PINHOLE, found `{}`",
                 super::text::shown(other)
             )),
         }
@@ -362,6 +435,86 @@ mod tests {
         let both = "\"is_fisheye\": true, \"camera_model\": \"PINHOLE\"";
         let error = ngp(both, "\"p1\": 0.0").unwrap_err().to_string();
         assert!(error.contains("found true and `PINHOLE`"), "{error}");
+    }
+
+    /// As nerfstudio reads it: before single coefficients, of a frame before the file's.
+    #[test]
+    fn distortion_params_are_k1_to_k4_p1_p2() {
+        let lenses = |shared: &str, own: &str| {
+            let json = REAL.replacen("\"aabb_scale\": 16", shared, 1);
+            let json = json.replacen("\"fl_x\": 600.0", own, 1);
+            read(&json).map(|(frames, _)| [frames[0].distortion, frames[1].distortion])
+        };
+        let list = "\"distortion_params\": [0.1, 0.02, 0.003, 0, 0.001, 0.002]";
+        let of_list = Distortion::RadialTangential {
+            radial: [0.1, 0.02, 0.003, 0.0, 0.0, 0.0],
+            tangential: [0.001, 0.002],
+        };
+        let single = |k1| Distortion::RadialTangential {
+            radial: [k1, 0.0, 0.0, 0.0, 0.0, 0.0],
+            tangential: [0.0, 0.001],
+        };
+        assert_eq!(lenses(list, "\"cx\": 160").unwrap(), [of_list; 2]);
+        assert_eq!(
+            lenses("\"aabb\": 1", list).unwrap(),
+            [single(-0.1), of_list]
+        );
+        // A frame's own coefficients are more to the point than the file's list.
+        assert_eq!(lenses(list, "\"k1\": 0.3").unwrap(), [of_list, single(0.3)]);
+        let fisheye = list.replace(", 0, 0.001, 0.002", ", 0.4, 0, 0")
+            + ", \"camera_model\": \"OPENCV_FISHEYE\"";
+        let radial = [0.1, 0.02, 0.003, 0.4];
+        let expected = [single(-0.1), Distortion::Fisheye { radial }];
+        assert_eq!(lenses("\"aabb\": 1", &fisheye).unwrap(), expected);
+        let rational = "\"camera_model\": \"FULL_OPENCV\", \"k4\": 0.5, \"k6\": 0.25";
+        let expected = Distortion::RadialTangential {
+            radial: [-0.1, 0.0, 0.0, 0.5, 0.0, 0.25],
+            tangential: [0.0, 0.001],
+        };
+        assert_eq!(lenses("\"aabb\": 1", rational).unwrap()[1], expected);
+    }
+
+    #[test]
+    fn lenses_that_are_not_read_are_refused() {
+        for (own, expected) in [
+            ("\"distortion_params\": [0.1, 0.2]", "found 2 numbers"),
+            (
+                "\"distortion_params\": [0, 0, 0, 0.5, 0, 0]",
+                "expected no k4, k5 and k6 in a camera that is no fisheye and not FULL_OPENCV, found 0.5",
+            ),
+            ("\"k5\": 0.1", "not FULL_OPENCV, found 0.1"),
+            (
+                "\"camera_model\": \"OPENCV_FISHEYE\", \"k6\": 0.1",
+                "found 0.1",
+            ),
+            (
+                "\"lens\": \"fisheye\"",
+                "found lens \"fisheye\", which is not read",
+            ),
+            ("\"ftheta_p0\": 0.0", "found ftheta_p0 0.0"),
+            ("\"is_latlong\": true", "found is_latlong true"),
+            ("\"latlong\": 1", "found latlong 1"),
+        ] {
+            let json = REAL
+                .replacen("\"fl_x\": 600.0", own, 1)
+                .replace(", \"p2\": 0.001", "");
+            let error = read(&json).unwrap_err().to_string();
+            assert!(
+                error.contains("frame 1 (images/b.jpg)") && error.contains(expected),
+                "{error}"
+            );
+        }
+        for own in [
+            "\"is_latlong\": false",
+            "\"lens\": \"PINHOLE\"",
+            "\"lens\": null",
+            "\"k5\": 0",
+        ] {
+            assert!(
+                read(&REAL.replacen("\"fl_x\": 600.0", own, 1)).is_ok(),
+                "{own}"
+            );
+        }
     }
 
     #[test]
