@@ -45,7 +45,7 @@ pub(super) fn is_scalar(data_type: &PropertyType) -> bool {
 }
 
 /// Reads the header at the start of `bytes`. A byte-order mark and blanks before `ply`, carriage
-/// returns, trailing blanks and lines with unknown keywords are no obstacle.
+/// returns, trailing blanks and, before the first element, lines with unknown keywords are no obstacle.
 pub(super) fn read(bytes: &[u8]) -> Result<Header, FormatError> {
     let lines = Lines::find(bytes)?;
     let mut cleaner = Cleaner::default();
@@ -158,6 +158,8 @@ impl Cleaner {
                 format!("property {scalar} {name}").to_lowercase()
             }
             ["element" | "property", ..] => line.to_owned(),
+            // A property that was misspelt would move all values behind it: the crate refuses the line.
+            [word, ..] if !self.elements.is_empty() && !is_remark(word) => line.to_owned(),
             _ => {
                 let text = line.strip_prefix("comment").unwrap_or_default();
                 self.comments.push(text.trim().to_owned());
@@ -165,6 +167,13 @@ impl Cleaner {
             }
         }
     }
+}
+
+/// Whether a line that begins so says nothing of the data.
+fn is_remark(word: &str) -> bool {
+    ["comment", "obj_info"]
+        .iter()
+        .any(|remark| word.eq_ignore_ascii_case(remark))
 }
 
 /// A lower-case name of letters, digits and underscores that `taken` does not hold yet, so that no
@@ -277,6 +286,14 @@ mod tests {
             (
                 "ply\nformat ascii 1.0\nproperty float x\nend_header\n",
                 "header line 3",
+            ),
+            (
+                "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\npropertx float c\nend_header\n",
+                "header line 5: expected `format`, `element <name> <count>` or `property <type> <name>`, found `propertx float c`",
+            ),
+            (
+                "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n\nComment c\nobj_info c\nend_header\n",
+                "",
             ),
             (
                 "ply\nformat ascii 1.0\nelement vertex 1\nproperty string x\nend_header\n",
