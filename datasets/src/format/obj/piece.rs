@@ -157,8 +157,8 @@ impl Piece {
         }
     }
 
-    /// `v x y z`, `v x y z w`, `v x y z r g b`, `v x y z w r g b`; the weight has no meaning for
-    /// polygons.
+    /// `v x y z`, `v x y z w`, `v x y z r g b`, `v x y z r g b a`; the weight has no meaning for
+    /// polygons, and the opacity none for vertices.
     fn vertex<'a>(&mut self, words: impl Iterator<Item = &'a [u8]>) -> Result<(), String> {
         let mut values = [0.0; 7];
         let mut count = 0;
@@ -170,7 +170,7 @@ impl Piece {
             return Err(format!("expected `v` and three numbers, found {count}"));
         }
         if count >= 6 {
-            let color = [values[count - 3], values[count - 2], values[count - 1]];
+            let color = [values[3], values[4], values[5]];
             self.colors.resize(self.vertices.len(), None);
             self.colors.push(Some(color));
         }

@@ -87,9 +87,12 @@ fn vertices_may_have_weights_and_colours() {
         read("v 1 2 3 255 128 0").vertex_colors.unwrap(),
         [[255, 128, 0]]
     );
+    // Seven numbers end in an opacity.
     assert_eq!(
-        read("v 1 2 3 1 0 0 1").vertex_colors.unwrap(),
-        [[0, 0, 255]]
+        read("v 1 2 3 1 0 0 1\nv 1 2 3 0 0.5 1 0")
+            .vertex_colors
+            .unwrap(),
+        [[255, 0, 0], [0, 128, 255]]
     );
     assert_eq!(read(TRIANGLE).vertex_colors, None);
 }
