@@ -1,7 +1,7 @@
 //! A scene's cameras for other programs: nerfstudio's `transforms.json` and COLMAP's text model.
 //!
 //! Both have pixel centres at (0.5, 0.5), as this crate. What is written reads back to the same
-//! cameras; COLMAP's quaternions hold exact rotations only.
+//! cameras; COLMAP's quaternions hold exact rotations only, so that of rounded ones the nearest is written.
 
 use super::{files, mvsnet};
 use crate::error::{Error, FormatError, Result};
@@ -155,6 +155,30 @@ mod tests {
         let cameras = std::fs::read_to_string(model.join("cameras.txt")).unwrap();
         let lines = cameras.lines().filter(|line| !line.starts_with('#'));
         assert_eq!(lines.count(), 4, "equal cameras are one");
+    }
+
+    /// Far from the origin a rotation that is off by 1e-6 moves the centre by some units, if the translation is kept.
+    #[test]
+    fn centres_stay_where_rotations_are_rounded() {
+        let center = DVec3::new(451_000.25, 5_100_000.125, 321.5);
+        let views = scene().views().to_vec().into_iter().map(|view| {
+            let rounded =
+                (view.pose.rotation().to_cols_array()).map(|entry| (entry * 1e6).round() / 1e6);
+            let rotation = DMat3::from_cols_array(&rounded);
+            let pose = Pose::new(rotation, -(rotation * center)).unwrap();
+            View { pose, ..view }
+        });
+        let written = Scene::new(views.collect()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        write_colmap(folder.path(), &written).unwrap();
+        let read = read_scene(folder.path(), &CamerasOptions::default()).unwrap();
+        for (written, read) in written.views().iter().zip(read.scene.views()) {
+            let moved = (read.pose.center_in_world() - center).length();
+            assert!(moved < 1e-8, "{moved}");
+            let difference = written.pose.rotation() - read.pose.rotation();
+            let worst = difference.to_cols_array().map(f64::abs);
+            assert!(worst.into_iter().all(|entry| entry < 1e-6), "{difference}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::{ColmapCamera, ColmapImage};
 use crate::scene::{Camera, Distortion, Pose};
-use glam::DQuat;
+use glam::{DMat3, DQuat};
 use std::fmt::Write;
 
 impl ColmapCamera {
@@ -50,19 +50,28 @@ impl ColmapCamera {
 }
 
 impl ColmapImage {
-    /// An image without features. The rotation is the nearest exact one to the pose's.
+    /// An image without features. The rotation is the nearest exact one to the pose's, which may be rounded,
+    /// and the camera's centre stays where it is.
     pub fn new(id: u32, pose: &Pose, camera: u32, name: String) -> Self {
-        let matrix = pose.matrix();
-        let turn = DQuat::from_mat4(&matrix).normalize();
+        let turn = DQuat::from_mat3(&nearest_rotation(pose.rotation())).normalize();
         Self {
             id,
             rotation: [turn.w, turn.x, turn.y, turn.z],
-            translation: matrix.w_axis.truncate(),
+            translation: -(DMat3::from_quat(turn) * pose.center_in_world()),
             camera,
             name,
             points: Vec::new(),
         }
     }
+}
+
+/// The rotation at the least distance (of all entries squared) from a matrix that is nearly one: the factor of
+/// its polar decomposition, by Newton's steps, each of which squares what is missing.
+fn nearest_rotation(mut matrix: DMat3) -> DMat3 {
+    for _ in 0..4 {
+        matrix = 0.5 * (matrix + matrix.inverse().transpose());
+    }
+    matrix
 }
 
 /// `cameras.txt`.
@@ -104,4 +113,39 @@ pub fn write_images(images: &[ColmapImage]) -> String {
 /// A `points3D.txt` without points.
 pub fn no_points() -> String {
     "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as IMAGE_ID, POINT2D_IDX: none\n".to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DVec3, EulerRot};
+
+    fn distance(a: DMat3, b: DMat3) -> f64 {
+        (a - b)
+            .to_cols_array()
+            .map(|entry| entry * entry)
+            .iter()
+            .sum()
+    }
+
+    #[test]
+    fn no_rotation_is_nearer_to_a_rounded_one() {
+        for step in 0..20 {
+            let t = f64::from(step);
+            let exact = DMat3::from_euler(EulerRot::XYZ, 2.9 * t, 1.1 * t, -0.7 * t);
+            let rounded = exact
+                .to_cols_array()
+                .map(|entry| (entry * 1e3).round() / 1e3);
+            let rounded = DMat3::from_cols_array(&rounded);
+            let nearest = nearest_rotation(rounded);
+            let off = distance(nearest * nearest.transpose(), DMat3::IDENTITY);
+            assert!(off < 1e-28, "{off}");
+            for axis in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::ONE.normalize()] {
+                for angle in [-1e-3, -1e-6, 1e-6, 1e-3] {
+                    let other = DMat3::from_axis_angle(axis, angle) * nearest;
+                    assert!(distance(other, rounded) >= distance(nearest, rounded));
+                }
+            }
+        }
+    }
 }
