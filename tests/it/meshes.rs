@@ -4,7 +4,7 @@ use crate::support::real_data;
 use glam::{DMat3, DVec2, DVec3};
 use mvs_datasets::layout::files::write_atomically;
 use mvs_datasets::layout::mesh::{LoadedMesh, ReadOptions, read_meshes, read_meshes_with};
-use mvs_datasets::scene::{Camera, ColorImage, Pose, View};
+use mvs_datasets::scene::{Camera, ColorImage, Mesh, Pose, View};
 use mvs_eval::render::{BackFaces, RenderOptions, Renderer};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -175,6 +175,51 @@ fn colored_and_plain_files_join() {
     assert_eq!((colors[0], colors[3]), ([0, 0, 255], [255, 0, 0]));
     let other_way = read(&[&path.join("b.obj"), &path.join("a.obj")]).mesh;
     assert_eq!(other_way.vertex_colors().unwrap()[5], [0, 0, 255]);
+}
+
+/// The colours at the corners of each triangle, which is all of one colour.
+fn colors_of(mesh: &Mesh) -> Vec<[u8; 3]> {
+    let colors = mesh.vertex_colors().unwrap();
+    let of = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| colors[vertex as usize]);
+        assert!(a == b && b == c, "{triangle:?}: {a:?} {b:?} {c:?}");
+        a
+    };
+    mesh.triangles().iter().map(of).collect()
+}
+
+/// Two materials that share vertices, beside another file with colours, and in one file with colours.
+#[test]
+fn materials_keep_their_colors_beside_vertices_that_have_some() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    put(path, "a.mtl", "newmtl r\nKd 1 0 0\nnewmtl b\nKd 0 0 1");
+    let vertices = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+    let faces = "usemtl r\nf 1 2 3\nusemtl b\nf 1 3 4\n";
+    put(path, "a.obj", &format!("{vertices}{faces}"));
+    let green = "v 0 0 5 0 1 0\nv 1 0 5 0 1 0\nv 1 1 5 0 1 0\n";
+    put(path, "b.obj", &format!("{green}f 1 2 3"));
+    let all = format!("{vertices}{green}{faces}f 5 6 7\nf -1 -2 -3\n");
+    put(path, "both.obj", &all);
+    let [r, g, b] = [[255, 0, 0], [0, 255, 0], [0, 0, 255]];
+    let files = |names: &[&str]| {
+        let paths: Vec<PathBuf> = names.iter().map(|name| path.join(name)).collect();
+        let paths: Vec<&Path> = paths.iter().map(PathBuf::as_path).collect();
+        read(&paths).mesh
+    };
+    assert_eq!(colors_of(&files(&["a.obj", "b.obj"])), [r, b, g]);
+    assert_eq!(colors_of(&files(&["b.obj", "a.obj"])), [g, r, b]);
+    let both = files(&["both.obj"]);
+    assert_eq!(colors_of(&both), [r, b, g]); // the two sides of the green face are one
+    assert_eq!(
+        both.corners(1),
+        [DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]
+    );
+    assert_eq!(
+        files(&["a.obj"]).vertices().len(),
+        4,
+        "nothing is split without need"
+    );
 }
 
 #[test]

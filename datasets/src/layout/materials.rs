@@ -193,7 +193,7 @@ impl Library {
             let from = beside.first().copied().unwrap_or(Path::new(""));
             self.note(
                 from,
-                format!("the texture {name:?} is missing; its material's color is shown"),
+                format!("the texture {name:?} is missing; {}", used.instead()),
             );
             return None;
         };

@@ -1,6 +1,7 @@
 //! Meshes with their materials and textures, from one or many files.
 
 mod join;
+mod paint;
 mod part;
 mod twins;
 
@@ -57,7 +58,8 @@ pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
 /// Reads meshes (`.obj` with its materials, `.ply`, `.gltf`, `.glb`) and joins them into one. A
 /// folder stands for all its meshes, and a last name with `*` or `?` for all that fit, in name order.
 /// Textures are found beside the file that names them, and only those that faces use are read; one
-/// that cannot be is noted, and its material's colour shows instead. Faces that are there both ways round
+/// that cannot be is noted, and its vertices' colours or its material's show instead. Where some vertices have colours,
+/// the others have those of their materials, and stand there once for each. Faces that are there both ways round
 /// are one with two sides, which is noted too; of a large mesh those at a sample of the vertices are looked at
 /// first, and all if some are.
 pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<LoadedMesh> {

@@ -39,6 +39,16 @@ impl Use {
         }
     }
 
+    /// What shows where there is no such image.
+    pub(super) fn instead(self) -> &'static str {
+        match self {
+            Self::Color | Self::Scaled(_) => {
+                "the colors of its vertices are shown, or, where there are none, its material's"
+            }
+            Self::Opacity | Self::OpacityOrGray => "nothing is cut out of the surface",
+        }
+    }
+
     /// Bytes per pixel once read.
     fn bytes(self) -> u64 {
         match self {
@@ -139,10 +149,9 @@ impl Textures {
             return Err(Error::layout(path, problem));
         }
         let read = parallel::map(&self.wanted, options.threads, Wanted::read);
-        let images = read.into_iter().map(|image| {
-            image
-                .map_err(|error| notes.push(format!("{error}; the color of its material is shown")))
-                .ok()
+        let images = read.into_iter().zip(&self.wanted).map(|(image, wanted)| {
+            let note = |error| notes.push(format!("{error}; {}", wanted.used.instead()));
+            image.map_err(note).ok()
         });
         Ok(Images(images.collect()))
     }

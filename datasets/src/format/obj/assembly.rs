@@ -5,7 +5,7 @@ use super::{MaterialUse, ObjFile, byte_of_fraction};
 use crate::error::FormatError;
 use crate::format::polygon::triangulate;
 use crate::parallel;
-use crate::scene::{Corner, Material};
+use crate::scene::Corner;
 use glam::{DVec3, Vec2};
 use std::collections::BTreeMap;
 
@@ -104,9 +104,7 @@ impl Assembly {
                 .fold(0.0f64, |m, &c| m.max(c));
             let unit = if largest > 1.0 { 255.0 } else { 1.0 };
             let byte = |color: Option<[f64; 3]>| {
-                color.map_or(Material::default().color, |c| {
-                    c.map(|v| byte_of_fraction(v / unit))
-                })
+                color.map(|channels| channels.map(|value| byte_of_fraction(value / unit)))
             };
             self.file.vertex_colors = Some(self.colors.into_iter().map(byte).collect());
         }

@@ -23,8 +23,9 @@ pub(super) use text::{fields, lines, plain, rest_of_line};
 pub struct ObjFile {
     /// Positions in world units.
     pub vertices: Vec<DVec3>,
-    /// 8-bit sRGB per vertex, if any vertex has a colour.
-    pub vertex_colors: Option<Vec<[u8; 3]>>,
+    /// 8-bit sRGB of each vertex that has a colour, if any has: numbers up to 1 are fractions, else all of the file
+    /// count up to 255.
+    pub vertex_colors: Option<Vec<Option<[u8; 3]>>>,
     /// Polygons are cut into triangles; concave ones properly.
     pub triangles: Vec<[u32; 3]>,
     /// Texture coordinates of each triangle; zeros where it has none.

@@ -81,18 +81,18 @@ fn vertices_may_have_weights_and_colours() {
     let file = read("v 1 2 3 0.5\nv 1 2 3 1 0.5 0\nv 1 2 3\n");
     assert_eq!(
         file.vertex_colors.unwrap(),
-        [[200; 3], [255, 128, 0], [200; 3]]
+        [None, Some([255, 128, 0]), None]
     );
     assert_eq!(
         read("v 1 2 3 255 128 0").vertex_colors.unwrap(),
-        [[255, 128, 0]]
+        [Some([255, 128, 0])]
     );
     // Seven numbers end in an opacity.
     assert_eq!(
         read("v 1 2 3 1 0 0 1\nv 1 2 3 0 0.5 1 0")
             .vertex_colors
             .unwrap(),
-        [[255, 0, 0], [0, 128, 255]]
+        [Some([255, 0, 0]), Some([0, 128, 255])]
     );
     assert_eq!(read(TRIANGLE).vertex_colors, None);
 }

@@ -1,9 +1,10 @@
 //! The mesh files of a scene as one mesh.
 
+use super::paint::Surface;
 use super::part::Part;
 use crate::error::Result;
 use crate::layout::materials::Draft;
-use crate::scene::{Corner, Material, Mesh};
+use crate::scene::{Corner, Material, Mesh, MeshColumns};
 use glam::{DVec3, Vec2};
 
 /// Several meshes one after another.
@@ -40,18 +41,18 @@ impl Joined {
             *self = Self::first(part);
             return Ok(());
         }
-        let Part { mesh: part, drafts } = part;
+        let Part { mesh, drafts } = part;
+        let mut part = mesh.into_columns();
+        self.extend_colors(&mut part)?;
         let first_vertex = count(self.vertices.len())?;
         let first_material = count(self.drafts.len())?;
         let before = self.triangles.len();
-        self.extend_colors(&part);
-        self.vertices.extend_from_slice(part.vertices());
-        self.triangles.extend(
-            part.triangles()
-                .iter()
-                .map(|t| t.map(|index| index + first_vertex)),
-        );
-        match part.triangle_materials() {
+        self.vertices.append(&mut part.vertices);
+        count(self.vertices.len())?;
+        let triangles = part.triangles.iter();
+        self.triangles
+            .extend(triangles.map(|t| t.map(|index| index + first_vertex)));
+        match part.triangle_materials {
             Some(slots) => self
                 .triangle_materials
                 .extend(slots.iter().map(|m| m + first_material)),
@@ -60,10 +61,10 @@ impl Joined {
                 .resize(self.triangles.len(), first_material),
         }
         self.drafts.extend(drafts);
-        if let Some(coords) = part.texture_coords() {
+        if let Some(coords) = part.texture_coords {
             let all = self.texture_coords.get_or_insert_default();
             all.resize(before, [Vec2::ZERO; 3]);
-            all.extend_from_slice(coords);
+            all.extend_from_slice(&coords);
         }
         Ok(())
     }
@@ -83,28 +84,32 @@ impl Joined {
 
     /// Vertices of a part without colours get those of its materials, as soon as another part has
     /// colours.
-    fn extend_colors(&mut self, part: &Mesh) {
-        if self.vertex_colors.is_none() && part.vertex_colors().is_some() {
-            let before = Painted {
-                triangles: &self.triangles,
-                vertices: self.vertices.len(),
+    fn extend_colors(&mut self, part: &mut MeshColumns) -> Result<(), String> {
+        if self.vertex_colors.is_none() && part.vertex_colors.is_some() {
+            let before = Surface {
+                vertices: &mut self.vertices,
+                triangles: &mut self.triangles,
             };
-            self.vertex_colors =
-                Some(before.colors(|t| &self.drafts[self.triangle_materials[t] as usize].material));
+            let (slots, drafts) = (&self.triangle_materials, &self.drafts);
+            let color_of = |triangle: usize| drafts[slots[triangle] as usize].material.color;
+            self.vertex_colors = Some(before.paint(&[], Material::default().color, color_of)?);
         }
         let Some(colors) = &mut self.vertex_colors else {
-            return;
+            return Ok(());
         };
-        match part.vertex_colors() {
-            Some(own) => colors.extend_from_slice(own),
-            None => {
-                let part_only = Painted {
-                    triangles: part.triangles(),
-                    vertices: part.vertices().len(),
-                };
-                colors.extend(part_only.colors(|t| part.material_of(t)));
-            }
+        if let Some(own) = &part.vertex_colors {
+            colors.extend_from_slice(own);
+            return Ok(());
         }
+        let alone = Surface {
+            vertices: &mut part.vertices,
+            triangles: &mut part.triangles,
+        };
+        let (slots, materials) = (&part.triangle_materials, &part.materials);
+        let slot = |triangle: usize| slots.as_ref().map_or(0, |slots| slots[triangle] as usize);
+        let color_of = |triangle: usize| materials[slot(triangle)].color;
+        colors.extend(alone.paint(&[], Material::default().color, color_of)?);
+        Ok(())
     }
 
     /// The mesh, with a material for each draft.
@@ -120,23 +125,5 @@ impl Joined {
             Some(colors) => mesh.with_vertex_colors(colors),
             None => Ok(mesh),
         }
-    }
-}
-
-/// Triangles whose vertices are to be painted in their materials' colours.
-struct Painted<'a> {
-    triangles: &'a [[u32; 3]],
-    vertices: usize,
-}
-
-impl Painted<'_> {
-    fn colors<'m>(&self, material_of: impl Fn(usize) -> &'m Material) -> Vec<[u8; 3]> {
-        let mut colors = vec![Material::default().color; self.vertices];
-        for (index, triangle) in self.triangles.iter().enumerate() {
-            for &vertex in triangle {
-                colors[vertex as usize] = material_of(index).color;
-            }
-        }
-        colors
     }
 }

@@ -1,6 +1,7 @@
 //! One mesh file of a scene.
 
 use super::extension_of;
+use super::paint::Surface;
 use crate::error::{Error, Result};
 use crate::format::gltf::{self, GltfFile, GltfImage};
 use crate::format::obj::{ObjFile, read_obj_with};
@@ -147,9 +148,9 @@ fn obj_part(path: &Path, file: ObjFile, library: &mut Library) -> Result<Part> {
         drafts.push(Draft::default());
     }
     let ObjFile {
-        vertices,
+        mut vertices,
         vertex_colors,
-        triangles,
+        mut triangles,
         mut texture_coords,
         triangle_materials,
         ..
@@ -160,12 +161,23 @@ fn obj_part(path: &Path, file: ObjFile, library: &mut Library) -> Result<Part> {
     let textured = drafts
         .iter()
         .any(|draft| draft.texture.is_some() || draft.opacity.is_some());
+    let color_of = |triangle: usize| drafts[triangle_materials[triangle] as usize].material.color;
+    let colors = vertex_colors.map(|own| {
+        let surface = Surface {
+            vertices: &mut vertices,
+            triangles: &mut triangles,
+        };
+        surface.paint(&own, Material::default().color, color_of)
+    });
+    let colors = colors
+        .transpose()
+        .map_err(|problem| Error::layout(path, problem))?;
     let build = || {
         let mut mesh = Mesh::new(vertices, triangles)?;
         if textured {
             mesh = mesh.with_texture_coords(texture_coords)?;
         }
-        if let Some(colors) = vertex_colors {
+        if let Some(colors) = colors {
             mesh = mesh.with_vertex_colors(colors)?;
         }
         Part::new(mesh, drafts, Some(triangle_materials))
