@@ -13,8 +13,8 @@ pub struct MtlMaterial {
     pub color: Option<[u8; 3]>,
     /// `map_Kd`, if stated.
     pub texture: Option<MtlTexture>,
-    /// `map_d`, if stated: an image whose opacity says where there is surface. It lies as its own
-    /// options say.
+    /// `map_d`, if stated: an image whose opacity says where there is surface. A mesh has one set of coordinates, so
+    /// that where `texture` has other options those count.
     pub mask: Option<MtlTexture>,
 }
 
@@ -27,12 +27,14 @@ pub struct MtlTexture {
     pub scale: Vec2,
     /// Option `-o`; 0 by default.
     pub offset: Vec2,
+    /// Option `-clamp on`: beyond its border the image is not repeated.
+    pub clamped: bool,
 }
 
 /// Reads all materials in order. Statements before the first `newmtl` and unknown ones are skipped.
 pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
     let mut materials: Vec<MtlMaterial> = Vec::new();
-    for (number, line) in lines(plain(bytes)?) {
+    for (number, line) in lines(&plain(bytes)?) {
         let keyword = fields(&line)
             .next()
             .unwrap_or_default()
@@ -91,6 +93,7 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
         file: String::new(),
         scale: Vec2::ONE,
         offset: Vec2::ZERO,
+        clamped: false,
     };
     let mut rest = text.trim();
     while let Some(option) = rest.strip_prefix('-') {
@@ -102,6 +105,10 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
             | "type" | "colorspace" => 1,
             _ => break,
         };
+        if name == "clamp" {
+            let value = after.split_whitespace().next();
+            texture.clamped = value.is_some_and(|value| value.eq_ignore_ascii_case("on"));
+        }
         let (values, after) = arguments(after, most);
         let target = match name {
             "s" => Some(&mut texture.scale),
@@ -216,7 +223,8 @@ mod tests {
                 MtlTexture {
                     file,
                     scale,
-                    offset
+                    offset,
+                    clamped: line.contains("-clamp on"),
                 },
                 "{line}"
             );

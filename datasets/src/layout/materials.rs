@@ -9,7 +9,8 @@ use crate::format::obj::MaterialUse;
 use crate::scene::{Corner, Material};
 use glam::Vec2;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::ffi::OsStr;
+use std::path::{Component, Path, PathBuf};
 
 /// What the materials of meshes need from files, and what was odd about them.
 #[derive(Debug, Default)]
@@ -52,7 +53,7 @@ impl From<Material> for Draft {
 pub(super) type KnownMaterials = BTreeMap<String, (MtlMaterial, PathBuf)>;
 
 /// How texture coordinates are moved by a material's texture options.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Placement {
     scale: Vec2,
     offset: Vec2,
@@ -153,6 +154,16 @@ impl Library {
         }
         if let Some(texture) = stated.texture.as_ref().filter(|_| used.textured) {
             draft.texture = self.texture_of(&[library, mesh], &texture.file, Use::Color);
+            if texture.clamped {
+                let name = &used.name;
+                self.note(
+                    library,
+                    format!(
+                        "the texture of material {name:?} is to be clamped (-clamp on), but is repeated where \
+                         coordinates go beyond it"
+                    ),
+                );
+            }
             placement = Placement {
                 scale: texture.scale,
                 offset: texture.offset,
@@ -161,11 +172,20 @@ impl Library {
         if let Some(mask) = stated.mask.as_ref().filter(|_| used.textured) {
             let number = self.texture_of(&[library, mesh], &mask.file, Use::OpacityOrGray);
             draft.opacity = number.map(|number| (number, 0.5));
+            let own = Placement {
+                scale: mask.scale,
+                offset: mask.offset,
+            };
             if draft.texture.is_none() {
-                placement = Placement {
-                    scale: mask.scale,
-                    offset: mask.offset,
-                };
+                placement = own;
+            } else if own != placement {
+                let name = &used.name;
+                self.note(
+                    library,
+                    format!(
+                        "the map_d of material {name:?} has other options (-s, -o) than its map_Kd, by whose both lie"
+                    ),
+                );
             }
         }
         (draft, placement)
@@ -227,41 +247,71 @@ fn library_names(mesh: &Path, text: &str) -> Vec<String> {
 }
 
 /// The file `name` beside one of the files `beside`: with its folders or without, as written or in
-/// another case, with the separators of either system.
+/// another case, with the separators of either system, in quotes or not.
 pub(super) fn find(beside: &[&Path], name: &str) -> Option<PathBuf> {
     let name = name.replace('\\', "/");
-    let relative = Path::new(&name);
+    let quoted = name
+        .strip_prefix('"')
+        .and_then(|rest| rest.strip_suffix('"'));
+    find_plain(beside, &name).or_else(|| find_plain(beside, quoted?))
+}
+
+fn find_plain(beside: &[&Path], name: &str) -> Option<PathBuf> {
+    let relative = Path::new(name);
     let alone = relative.file_name().map(Path::new);
     let folders = beside
         .iter()
         .map(|file| file.parent().unwrap_or(Path::new("")));
-    let candidates: Vec<PathBuf> = folders
+    let candidates: Vec<(&Path, &Path)> = folders
         .flat_map(|folder| {
-            [Some(relative), alone]
-                .into_iter()
-                .flatten()
-                .map(|n| folder.join(n))
+            let names = [Some(relative), alone].into_iter().flatten();
+            names.map(move |name| (folder, name))
         })
         .collect();
-    let exact = candidates.iter().find(|path| path.is_file()).cloned();
-    exact.or_else(|| candidates.iter().find_map(|path| in_any_case(path)))
+    let mut exact = candidates.iter().map(|(folder, name)| folder.join(name));
+    let exact = exact.find(|path| path.is_file());
+    let mut candidates = candidates.iter();
+    exact.or_else(|| candidates.find_map(|(folder, name)| in_any_case(folder, name)))
 }
 
-fn in_any_case(path: &Path) -> Option<PathBuf> {
-    let wanted = path.file_name()?;
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
+/// The file `name`, with its folders, in `folder`, each of them in any case.
+fn in_any_case(folder: &Path, name: &Path) -> Option<PathBuf> {
+    let mut parts = name.components().peekable();
+    let mut found = folder.to_path_buf();
+    while let Some(part) = parts.next() {
+        let as_written = found.join(part);
+        let is_last = parts.peek().is_none();
+        let fits = |path: &Path| match is_last {
+            true => path.is_file(),
+            false => path.is_dir(),
+        };
+        found = match part {
+            Component::Normal(wanted) if !fits(&as_written) => {
+                entry_in_any_case(&found, wanted, fits)?
+            }
+            _ => as_written,
+        };
+    }
+    Some(found).filter(|path| path.is_file())
+}
+
+/// The first in order of names of those in `folder` that are `wanted` in any case and that fit.
+fn entry_in_any_case(
+    folder: &Path,
+    wanted: &OsStr,
+    fits: impl Fn(&Path) -> bool,
+) -> Option<PathBuf> {
+    let folder = match folder.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => folder,
     };
-    let mut matches: Vec<PathBuf> = std::fs::read_dir(folder)
-        .ok()?
+    let entries = std::fs::read_dir(folder).ok()?;
+    let mut matches: Vec<PathBuf> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|found| {
-            found
-                .file_name()
-                .is_some_and(|name| name.eq_ignore_ascii_case(wanted))
+            let name = found.file_name();
+            name.is_some_and(|name| name.eq_ignore_ascii_case(wanted)) && fits(found)
         })
-        .filter(|found| found.is_file())
         .collect();
     matches.sort();
     matches.into_iter().next()
@@ -291,7 +341,16 @@ mod tests {
             let found = find(&[&mesh], name).unwrap();
             assert_eq!(found.file_name().unwrap(), "Tex 01.PNG", "{name}");
         }
-        assert!(find(&[&mesh], "images\\b.jpg").is_some());
+        for name in [
+            "images\\b.jpg",
+            "Images/B.jpg",
+            "\"images/b.jpg\"",
+            "./IMAGES/../images/b.JPG",
+        ] {
+            let found = find(&[&mesh], name).unwrap();
+            assert_eq!(std::fs::read(&found).unwrap(), b"x", "{name}");
+            assert!(found.ends_with("images/b.jpg"), "{name}");
+        }
         assert!(find(&[&folder.path().join("images/x.mtl"), &mesh], "b.jpg").is_some());
         assert_eq!(find(&[&mesh], "c.jpg"), None);
         assert_eq!(find(&[&mesh], ""), None);
@@ -310,5 +369,11 @@ mod tests {
         assert!(library_names(&mesh, "").is_empty());
         write_atomically(&folder.path().join(both), |out| out.write_all(b"")).unwrap();
         assert_eq!(library_names(&mesh, both), [both]);
+        let quoted = format!("\"{both}\"");
+        let names = library_names(&mesh, &quoted);
+        assert!(
+            matches!(&names[..], [name] if find(&[&mesh], name).is_some()),
+            "{names:?}"
+        );
     }
 }

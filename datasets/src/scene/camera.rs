@@ -241,10 +241,12 @@ impl Pose {
         })
     }
 
-    /// A pose from a 4×4 `cam_from_world` whose last row is 0 0 0 1.
+    /// A pose from a 4×4 `cam_from_world` whose last row is 0 0 0 1, to 1e-6 per entry (programs invert matrices
+    /// in floats).
     pub fn from_matrix(cam_from_world: DMat4) -> Result<Self> {
         let last = cam_from_world.row(3);
-        if last != glam::DVec4::W {
+        let off = (last - glam::DVec4::W).abs();
+        if !off.cmple(glam::DVec4::splat(1e-6)).all() {
             let problem = format!("expected a last row of 0 0 0 1, found {last}");
             return Err(Error::invalid("pose", problem));
         }
@@ -311,6 +313,21 @@ mod tests {
 
     fn camera() -> Camera {
         Camera::new(640, 480, DVec2::new(600.0, 610.0), DVec2::new(321.5, 239.0)).unwrap()
+    }
+
+    #[test]
+    fn a_last_row_may_be_rounded() {
+        let with = |entry: f64| {
+            let mut matrix = glam::DMat4::from_translation(DVec3::ONE);
+            matrix.x_axis.w = entry;
+            Pose::from_matrix(matrix)
+        };
+        let exact = with(0.0).unwrap();
+        assert_eq!(with(-1e-7).unwrap(), exact);
+        for entry in [1e-5, f64::NAN, 1.0] {
+            let error = with(entry).unwrap_err().to_string();
+            assert!(error.contains("expected a last row of 0 0 0 1"), "{error}");
+        }
     }
 
     #[test]

@@ -64,7 +64,7 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjFile, FormatError> {
 /// Reads an OBJ file on several threads; the result does not depend on how many. Lines, points, curves,
 /// normals, groups and objects are skipped.
 pub fn read_obj_with(bytes: &[u8], threads: usize) -> Result<ObjFile, FormatError> {
-    read_in_pieces(plain(bytes)?, PIECE, threads)
+    read_in_pieces(&plain(bytes)?, PIECE, threads)
 }
 
 /// Reads some pieces at a time, side by side: what stands before each is counted first, so that each is

@@ -98,6 +98,18 @@ fn vertices_may_have_weights_and_colours() {
 }
 
 #[test]
+fn carriage_returns_alone_end_lines() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1 2 3\n";
+    let expected = read(text);
+    assert_eq!(expected.triangles, [[0, 1, 2]]);
+    assert_eq!(read(&text.replace('\n', "\r")), expected);
+    assert_eq!(read(&text.replace('\n', "\r\n")), expected);
+    let broken = text.replace('\n', "\r").replace("1 0 0", "1 x 0");
+    let error = read_obj(broken.as_bytes()).unwrap_err().to_string();
+    assert!(error.contains("line 2"), "{error}");
+}
+
+#[test]
 fn text_may_be_untidy() {
     let file = read("\u{feff}v 0 0 0 # origin\r\n\tv +1. .5e0 -0\r\nv 0 \\\r\n1 0\r\nf 1 2\\\n 3");
     assert_eq!(
@@ -170,13 +182,13 @@ fn everything() -> String {
 fn pieces_and_threads_change_nothing() {
     let text = everything();
     let text = plain(text.as_bytes()).unwrap();
-    let whole = read_in_pieces(text, usize::MAX, 1).unwrap();
+    let whole = read_in_pieces(&text, usize::MAX, 1).unwrap();
     assert!(whole.triangles.len() > 250 && whole.materials.len() > 5);
     assert!(whole.lost_coords > 0 && whole.skipped_faces > 9 && whole.libraries.len() > 30);
     for (size, threads) in [(1, 1), (1, 8), (17, 2), (100, 3), (1000, 8), (4000, 1)] {
-        let pieces = text::pieces(text, size).count();
+        let pieces = text::pieces(&text, size).count();
         assert!(size > 100 || pieces > 90, "{pieces} pieces of {size} bytes");
-        let read = read_in_pieces(text, size, threads).unwrap();
+        let read = read_in_pieces(&text, size, threads).unwrap();
         assert!(read == whole, "pieces of {size} bytes, {threads} threads");
     }
 }
@@ -201,13 +213,15 @@ fn the_first_error_is_found_at_any_number_of_threads() {
         lines.push("v later errors do not count");
         let text = lines.join("\n");
         let text = plain(text.as_bytes()).unwrap();
-        let whole = read_in_pieces(text, usize::MAX, 1).unwrap_err().to_string();
+        let whole = read_in_pieces(&text, usize::MAX, 1)
+            .unwrap_err()
+            .to_string();
         assert!(
             whole.starts_with(&format!("line {}: ", place + 1)),
             "{whole}"
         );
         for (size, threads) in [(1, 8), (50, 1), (300, 2), (2000, 3)] {
-            let error = read_in_pieces(text, size, threads).unwrap_err();
+            let error = read_in_pieces(&text, size, threads).unwrap_err();
             assert_eq!(error.to_string(), whole, "{size} {threads}");
         }
     }

@@ -105,15 +105,21 @@ pub(in crate::format) fn rest_of_line(line: &[u8]) -> String {
     String::from_utf8_lossy(line[end..].trim_ascii()).into_owned()
 }
 
-/// The text of a file, which must not be UTF-16 or binary, without its byte-order mark.
-pub(in crate::format) fn plain(bytes: &[u8]) -> Result<&[u8], FormatError> {
+/// The text of a file, which must not be UTF-16 or binary, without its byte-order mark. Where carriage returns
+/// alone end its lines, they are line feeds.
+pub(in crate::format) fn plain(bytes: &[u8]) -> Result<Cow<'_, [u8]>, FormatError> {
     let utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
     if utf16 || bytes[..bytes.len().min(1024)].contains(&0) {
         let found = if utf16 { "UTF-16" } else { "zero bytes" };
         let problem = format!("expected plain text, found {found}: save the file as UTF-8");
         return Err(FormatError::new("byte 0", problem));
     }
-    Ok(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes))
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    if text.contains(&b'\n') || !text.contains(&b'\r') {
+        return Ok(Cow::Borrowed(text));
+    }
+    let ended = |&byte: &u8| if byte == b'\r' { b'\n' } else { byte };
+    Ok(Cow::Owned(text.iter().map(ended).collect()))
 }
 
 /// Lines with their numbers from 1. Lines but comments that end in a backslash are joined with the

@@ -13,6 +13,7 @@ use crate::scene::{Material, Mesh, PointCloud};
 use body::Body;
 use faces::Faces;
 use header::Header;
+use ply_rs_bw::ply::ElementDef;
 use std::io::Write;
 
 /// How a PLY is written.
@@ -41,8 +42,10 @@ pub struct PlyMesh {
     /// Polygons are cut into triangles; concave ones properly. There is one material per texture file, in order and
     /// of its name; its texture itself is for the caller to read.
     pub mesh: Mesh,
-    /// From `comment TextureFile`, in order.
+    /// From `comment TextureFile` (in any case), in order.
     pub texture_files: Vec<String>,
+    /// Whether faces have colours (red green blue), which are not read.
+    pub face_colors: bool,
 }
 
 /// What a PLY's header promises, e.g. to tell a mesh from a cloud.
@@ -65,7 +68,7 @@ pub fn read_summary(bytes: &[u8]) -> Result<PlySummary, FormatError> {
 }
 
 /// Reads the vertices of a PLY: x y z, and where present nx ny nz, red green blue (integers, or
-/// floats in 0…1), `views`, `confidence`. Names are taken in any case, everything else is skipped;
+/// floats up to 1 or up to 255), `views`, `confidence`. Names are taken in any case, everything else is skipped;
 /// positions may be NaN, colours that are NaN are black. A file with no vertices gives an empty cloud; one that
 /// goes on after all that its header states is an error.
 pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
@@ -81,7 +84,7 @@ pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
 }
 
 /// Reads vertices and faces of a PLY, in whatever order. Texture coordinates are those of the faces (`texcoord`), else
-/// of the vertices (s t, u v or texture_u texture_v). A file without faces is an error.
+/// of the vertices (s t, u v, texture_u texture_v or texture_s texture_t). A file without faces is an error.
 pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(bytes, &header);
@@ -104,7 +107,9 @@ pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
         return Err(no_mesh(&header));
     }
     let texture_files = texture_files(&header);
+    let colored = |face: &ElementDef| face.properties.contains_key("red");
     Ok(PlyMesh {
+        face_colors: header.element("face").is_some_and(colored),
         mesh: mesh_of(&table, faces, &texture_files)?,
         texture_files,
     })
@@ -134,7 +139,10 @@ fn no_mesh(header: &Header) -> FormatError {
 
 fn texture_files(header: &Header) -> Vec<String> {
     let comments = header.comments.iter();
-    let names = comments.filter_map(|text| text.strip_prefix("TextureFile"));
+    let names = comments.filter_map(|text| {
+        let (word, name) = text.split_once(char::is_whitespace)?;
+        word.eq_ignore_ascii_case("TextureFile").then_some(name)
+    });
     names.map(|name| name.trim().to_owned()).collect()
 }
 

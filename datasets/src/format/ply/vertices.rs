@@ -109,7 +109,12 @@ fn channel(value: f64, (white, signed): (f64, bool)) -> Option<u8> {
 
 /// Texture coordinates per vertex, if there are any.
 pub(super) fn texture_coords(table: &Table<'_>) -> Option<Vec<Vec2>> {
-    let names = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
+    let names = [
+        ["s", "t"],
+        ["u", "v"],
+        ["texture_u", "texture_v"],
+        ["texture_s", "texture_t"],
+    ];
     let columns = names.into_iter().find_map(|names| table.find(names))?;
     Some(table.map(columns, |_, [u, v]| Vec2::new(u as f32, v as f32)))
 }

@@ -189,7 +189,19 @@ fn ply_part(path: &Path, file: PlyMesh, library: &mut Library) -> Result<Part> {
     let PlyMesh {
         mesh,
         texture_files,
+        face_colors,
     } = file;
+    if face_colors {
+        library.note(
+            path,
+            "its faces have colors, which are not shown: give them to the vertices",
+        );
+    }
+    if mesh.texture_coords().is_none() && !texture_files.is_empty() {
+        let problem = "it names a texture file but has no texture coordinates (texcoord of the faces, or s t, u v, \
+                       texture_u texture_v or texture_s texture_t of the vertices): no texture is shown";
+        library.note(path, problem);
+    }
     if mesh.texture_coords().is_none() || texture_files.is_empty() {
         return Ok(Part::plain(mesh));
     }
@@ -213,3 +225,6 @@ fn ply_part(path: &Path, file: PlyMesh, library: &mut Library) -> Result<Part> {
     let drafts = (0u32..).zip(&texture_files).map(draft).collect();
     Part::new(mesh, drafts, slots).map_err(|error| Error::layout(path, error.to_string()))
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,80 @@
+//! What is said of files that are shown otherwise than they ask to be.
+
+use crate::layout::files::write_atomically;
+use crate::layout::mesh::read_meshes;
+use std::io::Write;
+use std::path::Path;
+
+fn put(folder: &Path, name: &str, text: &str) {
+    write_atomically(&folder.join(name), |out| out.write_all(text.as_bytes())).unwrap();
+}
+
+/// The notes on a mesh file, one of which must have all `parts`, or none where there are no parts.
+fn said(folder: &Path, name: &str, parts: &[&str]) {
+    let notes = read_meshes(&[folder.join(name)]).unwrap().notes;
+    let has_all = |note: &String| parts.iter().all(|part| note.contains(part));
+    assert_eq!(notes.iter().any(has_all), !parts.is_empty(), "{notes:?}");
+}
+
+fn put_image(folder: &Path) {
+    let image = crate::scene::ColorImage::filled(2, 2, [9, 9, 9]).unwrap();
+    write_atomically(&folder.join("t.png"), |out| {
+        crate::format::image::write_png(out, &image)
+    })
+    .unwrap();
+}
+
+#[test]
+fn options_of_textures_that_are_not_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    put_image(folder);
+    let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
+    let obj = format!("mtllib \"m.mtl\"\n{vertices}usemtl a\nf 1/1 2/2 3/3\n");
+    put(folder, "m.obj", &obj);
+    for (maps, parts) in [
+        (
+            "map_Kd -clamp on t.png",
+            &["material \"a\"", "-clamp on"][..],
+        ),
+        ("map_Kd -clamp off t.png", &[]),
+        (
+            "map_Kd \"t.png\"\nmap_d -s 2 2 t.png",
+            &["map_d of material \"a\"", "map_Kd"],
+        ),
+        ("map_Kd -s 2 2 t.png\nmap_d -s 2 2 t.png", &[]),
+        ("map_d -s 2 2 t.png", &[]),
+    ] {
+        put(folder, "m.mtl", &format!("newmtl a\n{maps}\n"));
+        said(folder, "m.obj", parts);
+    }
+}
+
+#[test]
+fn textures_and_colors_of_a_ply_that_do_not_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    put_image(folder);
+    let ply = |comment: &str, of_vertices: &str, of_faces: &str, (vertex, face): (&str, &str)| {
+        let header = format!(
+            "ply\nformat ascii 1.0\n{comment}element vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             {of_vertices}element face 1\nproperty list uchar int vertex_index\n{of_faces}end_header\n"
+        );
+        let rows = ["0 0 0", "1 0 0", "0 1 0"]
+            .map(|at| format!("{at}{vertex}\n"))
+            .concat();
+        put(folder, "m.ply", &format!("{header}{rows}3 0 1 2{face}\n"));
+    };
+    ply("comment texturefile t.png\n", "", "", ("", ""));
+    said(folder, "m.ply", &["m.ply", "no texture coordinates"]);
+    let coords = "property float texture_s\nproperty float texture_t\n";
+    ply("comment texturefile t.png\n", coords, "", (" 0.5 0.5", ""));
+    said(folder, "m.ply", &[]);
+    let mesh = read_meshes(&[folder.join("m.ply")]).unwrap().mesh;
+    assert!(mesh.material_of(0).texture.is_some() && mesh.texture_coords().is_some());
+    let colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+    ply("", "", colors, ("", " 255 0 0"));
+    said(folder, "m.ply", &["faces have colors"]);
+    ply("", colors, "", (" 255 0 0", ""));
+    said(folder, "m.ply", &[]);
+}
