@@ -53,7 +53,12 @@ pub enum GltfImage {
 /// Extensions that change nothing of what is read here, or are read.
 const UNDERSTOOD: [&str; 2] = ["KHR_texture_transform", "KHR_lights_punctual"];
 
-/// Reads a `.gltf` or `.glb`. `load` gives the content of a file that a buffer names, relative to the
+/// Vertices and corners of triangles that the instances of a file's meshes may add up to, where the meshes
+/// themselves have fewer.
+const MOST_INSTANCED: usize = 1 << 26;
+
+/// Reads a `.gltf` or `.glb`. Meshes that nodes show several times are there several times, up to 2^26 vertices and
+/// corners in all. `load` gives the content of a file that a buffer names, relative to the
 /// glTF file, or says why it cannot.
 pub fn read_gltf(
     bytes: &[u8],
@@ -71,8 +76,14 @@ pub fn read_gltf(
     check(&root)?;
     let buffers = buffers(&root, binary, load)?;
     let document = Document { root, buffers };
+    let nodes = placed_nodes(&document.root)?;
+    check_instances(&document.root, &nodes, MOST_INSTANCED)?;
     let mut reader = Reader::new(&document);
-    for (node, matrix) in placed_nodes(&document.root)? {
+    let root = &document.root;
+    if root.scene.is_some_and(|scene| scene >= root.scenes.len()) {
+        reader.note("the scene that the file names is not in it: all its nodes are shown");
+    }
+    for (node, matrix) in nodes {
         reader
             .node(node, matrix)
             .map_err(|problem| FormatError::new(format!("node {node}"), problem))?;
@@ -170,6 +181,44 @@ fn placed_nodes(root: &Root) -> Result<Vec<(usize, DMat4)>, FormatError> {
     Ok(placed)
 }
 
+/// Refuses a file whose nodes show its meshes so often that a small file would fill the memory.
+fn check_instances(root: &Root, nodes: &[(usize, DMat4)], most: usize) -> Result<(), FormatError> {
+    let count = |accessor: usize| {
+        root.accessors
+            .get(accessor)
+            .map_or(0, |accessor| accessor.count)
+    };
+    let size = |mesh: usize| {
+        let primitives = root
+            .meshes
+            .get(mesh)
+            .into_iter()
+            .flat_map(|mesh| &mesh.primitives);
+        let accessors = primitives.flat_map(|p| {
+            p.attributes
+                .get("POSITION")
+                .copied()
+                .into_iter()
+                .chain(p.indices)
+        });
+        accessors.map(count).fold(0, usize::saturating_add)
+    };
+    let meshes = nodes.iter().filter_map(|&(node, _)| root.nodes[node].mesh);
+    let distinct: BTreeMap<usize, usize> = meshes.clone().map(|mesh| (mesh, size(mesh))).collect();
+    let once = distinct.values().copied().fold(0, usize::saturating_add);
+    let placed = meshes
+        .map(|mesh| distinct[&mesh])
+        .fold(0, usize::saturating_add);
+    if placed <= once.max(most) {
+        return Ok(());
+    }
+    let problem = format!(
+        "expected instances of meshes with at most {most} vertices and corners in all, found {placed} of meshes that \
+         have {once}: export the scene in parts"
+    );
+    Err(FormatError::new("nodes", problem))
+}
+
 fn local(node: &Node) -> DMat4 {
     if let Some(matrix) = &node.matrix {
         return DMat4::from_cols_array(matrix);
@@ -202,6 +251,8 @@ struct Columns {
     colors: Option<Vec<[f64; 3]>>,
     coords: Option<Vec<Vec2>>,
     triangles: Vec<[usize; 3]>,
+    /// Indices that the triangles are made of.
+    corners: usize,
 }
 
 impl<'d> Reader<'d> {
@@ -279,6 +330,9 @@ impl<'d> Reader<'d> {
             .as_ref()
             .map(|texture| texture.set);
         let columns = self.columns(primitive, set, matrix)?;
+        if matches!(primitive.mode, None | Some(4)) && !columns.corners.is_multiple_of(3) {
+            self.note("the last corners of primitives whose corners are no multiple of three are left out");
+        }
         if set.is_some() && columns.coords.is_none() {
             self.note("primitives that have a texture but lack its coordinates show their color");
         }
@@ -337,6 +391,7 @@ impl<'d> Reader<'d> {
             colors,
             coords: coords.map(|all| all.into_iter().map(coord).collect()),
             triangles: triangles(&order, primitive.mode, matrix.determinant() < 0.0),
+            corners: order.len(),
         })
     }
 

@@ -190,3 +190,43 @@ fn what_cannot_be_read_gets_one_sentence() {
         assert!(read_gltf(&whole[..length], &none).is_err(), "{length}");
     }
 }
+
+#[test]
+fn what_is_passed_over_is_said() {
+    let notes = |from: &str, to: &str| {
+        assert!(SQUARE.contains(from), "{from}");
+        let file = read(&SQUARE.replacen(from, to, 1)).unwrap();
+        (file.triangles.len(), file.notes)
+    };
+    let (triangles, said) = notes(r#""count": 6"#, r#""count": 5"#);
+    assert!(
+        triangles == 1 && said[0].contains("no multiple of three"),
+        "{said:?}"
+    );
+    let (triangles, said) = notes(r#""scene": 0"#, r#""scene": 1"#);
+    assert!(
+        triangles == 2 && said[0].contains("all its nodes are shown"),
+        "{said:?}"
+    );
+}
+
+/// Ten vertices and corners each.
+#[test]
+fn instances_are_bounded_unless_the_file_itself_is_as_large() {
+    let three = SQUARE.replace(
+        r#"[{"mesh": 0}]"#,
+        r#"[{"mesh": 0}, {"mesh": 0}, {"mesh": 0}]"#,
+    );
+    let three = three.replace(r#""nodes": [0]}"#, r#""nodes": [0, 1, 2]}"#);
+    assert_eq!(read(&three).unwrap().triangles.len(), 6);
+    let check = |json: &str, most: usize| {
+        let root: Root = serde_json::from_str(json).unwrap();
+        check_instances(&root, &placed_nodes(&root).unwrap(), most)
+    };
+    assert!(check(&three, 30).is_ok() && check(SQUARE, 1).is_ok());
+    let error = check(&three, 29).unwrap_err().to_string();
+    assert!(
+        error.contains("at most 29") && error.contains("found 30 of meshes that have 10"),
+        "{error}"
+    );
+}
