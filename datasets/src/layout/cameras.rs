@@ -62,7 +62,8 @@ pub struct ReadCameras {
 /// says so.
 ///
 /// View ids of COLMAP models and `transforms.json` are the numbers that are the images' names
-/// (`00000012.jpg`), else, where a name is no number of at most eight digits, places in name order.
+/// (`00000012.jpg`), else, where a name is no number of at most eight digits or two are the same number, places in name
+/// order; those of a `.log` are the poses' places in it.
 pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> {
     let mut found = candidates(path)?;
     if found.is_empty() {
@@ -74,7 +75,7 @@ pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> 
     let (source, path) = found.remove(0);
     let (scene, mut notes) = match source {
         CameraSource::Cams => (read_cams(&path, options)?, Vec::new()),
-        CameraSource::Colmap => (read_colmap(&path, options)?, Vec::new()),
+        CameraSource::Colmap => (read_colmap(&path, options)?, text_beside(&path)),
         CameraSource::Transforms => read_transforms(&path, options)?,
         CameraSource::Log => read_log(&path, options)?,
     };
@@ -210,6 +211,17 @@ impl Model {
 fn read_colmap(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
     let model = read_model(folder, options)?;
     Scene::new(model.views()?).map_err(|error| Error::layout(&model.images_path, error.to_string()))
+}
+
+/// Says so where the model in `folder` is there as text too.
+fn text_beside(folder: &Path) -> Vec<String> {
+    let has = |name: &str| folder.join(name).is_file();
+    let both = colmap_ending(folder) == Some("bin") && has("cameras.txt") && has("images.txt");
+    let note = format!(
+        "took the .bin files; {} holds the model as .txt too",
+        folder.display()
+    );
+    both.then_some(note).into_iter().collect()
 }
 
 /// Reads the model in `folder`; no points where there is no such file.

@@ -195,6 +195,16 @@ fn broken_text_is_said_with_its_line() {
         assert!(error.contains(expected), "{error}");
     }
     assert!(read_points_text("1 2 3 4 256 0 0").is_err());
+    let points = |stated: usize| {
+        let head = format!("# 3D point list\n# Number of points: {stated}, mean track length: 2\n");
+        read_points_text(&format!("{head}1 2 3 4 25 0 0\n7 2 3 4 25 0 0\n"))
+    };
+    assert_eq!(points(2).unwrap().len(), 2);
+    let error = points(3).unwrap_err().to_string();
+    assert!(
+        error.contains("expected 3 points, as its head says, found 2"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -117,7 +117,7 @@ pub fn read_images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
         image.points = read_observations(Fields::new(index, line))?;
         images.push(image);
     }
-    match stated_images(text) {
+    match stated(text, "images") {
         Some(stated) if stated != images.len() => {
             let found = images.len();
             let problem = format!(
@@ -131,9 +131,10 @@ pub fn read_images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
 }
 
 /// What COLMAP writes in the head: `# Number of images: 32, mean observations per image: 410`.
-fn stated_images(text: &str) -> Option<usize> {
+fn stated(text: &str, what: &str) -> Option<usize> {
     let head = text.lines().take_while(|line| line.starts_with('#'));
-    let mut counts = head.filter_map(|line| line.strip_prefix("# Number of images:"));
+    let start = format!("# Number of {what}:");
+    let mut counts = head.filter_map(|line| line.strip_prefix(&start));
     counts.next()?.split(',').next()?.trim().parse().ok()
 }
 
@@ -167,10 +168,10 @@ fn read_observations(mut fields: Fields<'_>) -> Result<Vec<u64>, FormatError> {
     Ok(points)
 }
 
-/// Reads `points3D.txt`.
+/// Reads `points3D.txt`. A file whose head says another number of points than it holds is refused: it was cut.
 pub fn read_points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     let lines = text.lines().enumerate().filter(|(_, line)| is_data(line));
-    lines
+    let points: Vec<ColmapPoint> = lines
         .map(|(index, line)| {
             let mut fields = Fields::new(index, line);
             let id = fields.whole("a point id")?;
@@ -185,5 +186,15 @@ pub fn read_points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
                 color,
             })
         })
-        .collect()
+        .collect::<Result<_, _>>()?;
+    match stated(text, "points") {
+        Some(stated) if stated != points.len() => {
+            let problem = format!(
+                "expected {stated} points, as its head says, found {}: it was cut, or edited without its head",
+                points.len()
+            );
+            Err(FormatError::new("points", problem))
+        }
+        _ => Ok(points),
+    }
 }

@@ -169,6 +169,39 @@ fn two_images_of_one_name_are_named() {
     assert!(said.contains(expected), "{said}");
 }
 
+/// The text may be older or newer than the binary files.
+#[test]
+fn a_model_that_is_there_twice_is_said() {
+    let root = tempfile::tempdir().unwrap();
+    put(&root.path().join("cameras.txt"), CAMERAS);
+    put(&root.path().join("images.txt"), IMAGES);
+    assert_eq!(read(root.path()).notes, [""; 0]);
+    let mut cameras = 1u64.to_le_bytes().to_vec();
+    cameras.extend(3u32.to_le_bytes());
+    cameras.extend(1i32.to_le_bytes());
+    cameras.extend([640u64, 480].iter().flat_map(|side| side.to_le_bytes()));
+    let params = [500.0, 510.0, 321.0, 239.0f64];
+    cameras.extend(params.iter().flat_map(|param| param.to_le_bytes()));
+    let mut images = 1u64.to_le_bytes().to_vec();
+    images.extend(2u32.to_le_bytes());
+    let pose = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4.0f64];
+    images.extend(pose.iter().flat_map(|number| number.to_le_bytes()));
+    images.extend(3u32.to_le_bytes());
+    images.extend(b"a.jpg\0");
+    images.extend(0u64.to_le_bytes());
+    for (name, bytes) in [("cameras.bin", cameras), ("images.bin", images)] {
+        let path = root.path().join(name);
+        files::write_atomically(&path, |out| out.write_all(&bytes)).unwrap();
+    }
+    let both = read(root.path());
+    assert_eq!(both.scene.views().len(), 1);
+    assert!(
+        both.notes[0].contains("holds the model as .txt too"),
+        "{:?}",
+        both.notes
+    );
+}
+
 #[test]
 fn integer_centres_are_refused_where_the_files_define_theirs() {
     let root = tempfile::tempdir().unwrap();
