@@ -3,7 +3,8 @@
 use crate::error::{Error, Result};
 use crate::stats;
 
-/// The planes over which a method sweeps: `count` of them from `min` to `max`, in world units.
+/// The planes over which a method sweeps, in world units: `count` of them from `min` on, Δ = (`max` − `min`) / `count`
+/// apart, so that the last is at `max` − Δ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthPlanes {
     min: f64,

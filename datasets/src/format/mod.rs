@@ -1,8 +1,9 @@
 //! Bytes to values and back, one file per format.
 //!
-//! Readers take bytes or a `Read`, writers a `Write`; paths live in [`crate::layout`]. Every
-//! reader answers bad input with one [`crate::FormatError`] and never allocates more than a small
-//! multiple of the bytes that are really there.
+//! Readers take bytes or text, writers give text or fill a `Write`; paths live in [`crate::layout`]. Every
+//! reader answers bad input with one [`crate::FormatError`]. What a header promises is never allocated before the
+//! bytes are there; images, whose bytes are compressed, and instances of glTF meshes take more than their files, within
+//! bounds that are stated there.
 
 pub mod cam;
 pub mod colmap;

@@ -6,7 +6,7 @@ use crate::scene::SourceScore;
 use std::collections::BTreeSet;
 use std::io::Write;
 
-/// One reference view's id and its source views, best first.
+/// One reference view's id and its source views, in the order of the file (best first by convention).
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairEntry {
     /// The reference view's id.

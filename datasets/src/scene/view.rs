@@ -58,7 +58,7 @@ pub struct SourceScore {
     pub score: f64,
 }
 
-/// Views with distinct ids, ascending, and for each its source views, best first.
+/// Views with distinct ids, ascending, and for each its source views, in the order in which they are given: best first, as they are written.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Scene {
     views: Vec<View>,
@@ -105,7 +105,7 @@ impl Scene {
         &self.views
     }
 
-    /// Source views of the view at `index` of [`Scene::views`], best first.
+    /// Source views of the view at `index` of [`Scene::views`], in the order given: best first in what this crate writes, and as the file has them in others.
     pub fn sources_of(&self, index: usize) -> &[SourceScore] {
         &self.sources[index]
     }
