@@ -312,7 +312,7 @@ mod tests {
             assert!(scene_files(given).unwrap().contains(&above));
         }
         // Those beside the cams win, and of another folder's nothing is known.
-        files::write_atomically(&cams.join("pair.txt"), |out| write!(out, "0\n")).unwrap();
+        files::write_atomically(&cams.join("pair.txt"), |out| writeln!(out, "0")).unwrap();
         let without = Scene::new(scene().views().to_vec()).unwrap();
         assert_eq!(read_scene(root.path(), &options).unwrap(), without);
         std::fs::remove_file(cams.join("pair.txt")).unwrap();
