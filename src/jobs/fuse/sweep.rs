@@ -5,7 +5,7 @@ use super::maps::FolderMaps;
 use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
-use crate::jobs::out::{check_no_input, remove_if_there, replaced, write_run_file};
+use crate::jobs::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
 use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
@@ -95,6 +95,7 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
         .into_iter()
         .chain(others.map(PathBuf::as_path));
     check_no_input(&[&job.out, &run_file], read)?;
+    check_run_file(&run_file, "sweep")?;
     if let Some(truth) = &job.truth {
         folder.inputs.add(truth)?;
         folder.hash_others()?;
