@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// coordinates would give. Writes extremes.csv; exits with 1 where a promised bound is broken.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct ExtremesArgs {
-    /// The folder to write
+    /// The folder to write (default extremes-out)
     #[arg(long, value_name = "DIR")]
     #[serde(skip_serializing_if = "Option::is_none")]
     out: Option<PathBuf>,

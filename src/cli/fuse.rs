@@ -5,6 +5,7 @@ use mvs_eval::config::{self, Size};
 use mvs_eval::fuse::{FuseOptions, presets};
 use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
 use mvs_eval::jobs::fuse::{self, FuseJob};
+use mvs_eval::{Error, Result};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -82,37 +83,44 @@ struct SweepFlags {
     /// Fuse with a grid of parameters and write a table of what each gives
     #[arg(long)]
     sweep: bool,
-    /// A cloud of the true surface to score each combination by
+    /// A cloud of the true surface to score each combination by, in the crop volume where one is given; both
+    /// clouds are averaged over voxels of τ/2 first
     #[arg(long, value_name = "PLY", requires = "sweep", requires = "tau")]
     truth: Option<PathBuf>,
     /// The distance below which points count, world units
     #[arg(long, value_name = "T", requires = "sweep")]
     tau: Option<f64>,
-    /// Values of --max-pixel-error in the grid (default 0.5,1,2)
+    /// Values of --max-pixel-error in the grid (default that flag's, else 0.5,1,2)
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
     sweep_pixel_error: Vec<f64>,
-    /// Values of --min-sources in the grid (default 2,3,5)
+    /// Values of --min-sources in the grid (default that flag's, else 2,3,5)
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
     sweep_min_sources: Vec<usize>,
-    /// Values of --min-confidence in the grid (default 0.3,0.6,0.8)
+    /// Values of --min-confidence in the grid (default that flag's, else 0.3,0.6,0.8)
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
     sweep_min_confidence: Vec<f32>,
 }
 
 impl SweepFlags {
-    fn job(&self, fuse: FuseJob) -> SweepJob {
+    /// The sweep around a job with these flags.
+    fn job(&self, fuse: FuseJob, flags: &FuseFlags) -> Result<SweepJob> {
         let or = SweepJob::default();
-        let given = |list: &[f64], or: Vec<f64>| if list.is_empty() { or } else { list.to_vec() };
-        SweepJob {
-            pixel_errors: given(&self.sweep_pixel_error, or.pixel_errors),
-            min_sources: match self.sweep_min_sources.is_empty() {
-                true => or.min_sources,
-                false => self.sweep_min_sources.clone(),
-            },
-            min_confidences: match self.sweep_min_confidence.is_empty() {
-                true => or.min_confidences,
-                false => self.sweep_min_confidence.clone(),
-            },
+        Ok(SweepJob {
+            pixel_errors: axis(
+                ("--sweep-pixel-error", "--max-pixel-error"),
+                (&self.sweep_pixel_error, flags.max_pixel_error),
+                or.pixel_errors,
+            )?,
+            min_sources: axis(
+                ("--sweep-min-sources", "--min-sources"),
+                (&self.sweep_min_sources, flags.min_sources),
+                or.min_sources,
+            )?,
+            min_confidences: axis(
+                ("--sweep-min-confidence", "--min-confidence"),
+                (&self.sweep_min_confidence, flags.min_confidence),
+                or.min_confidences,
+            )?,
             truth: self.truth.clone(),
             tau: self.tau.unwrap_or_default(),
             out: fuse.out.clone(),
@@ -120,6 +128,23 @@ impl SweepFlags {
                 out: PathBuf::new(),
                 ..fuse
             },
+        })
+    }
+}
+
+/// The values of one axis: the list's, else the flag's one, else the usual ones.
+fn axis<T: Copy>(
+    (list_flag, flag): (&str, &str),
+    (list, one): (&[T], Option<T>),
+    usual: Vec<T>,
+) -> Result<Vec<T>> {
+    match (list, one) {
+        ([], None) => Ok(usual),
+        ([], Some(one)) => Ok(vec![one]),
+        (list, None) => Ok(list.to_vec()),
+        (_, Some(_)) => {
+            let problem = format!("says the same as {flag}: give one of them");
+            Err(Error::invalid(list_flag, problem))
         }
     }
 }
@@ -166,7 +191,7 @@ pub(crate) fn run(args: &FuseArgs, global: &Global) -> anyhow::Result<Verdict> {
         output::say(&format!("fusing{}: {summary}", preset.unwrap_or_default()));
     }
     if args.sweep.sweep {
-        return execute_sweep(&args.sweep.job(job), global);
+        return execute_sweep(&args.sweep.job(job, &args.fuse)?, global);
     }
     execute(&job, global)
 }
@@ -190,9 +215,9 @@ pub(crate) fn execute_sweep(job: &SweepJob, global: &Global) -> anyhow::Result<V
                     [score.precision(), score.recall(), score.f_score()].map(|v| format!("{v:.4}"))
                 });
             let options = [
-                row.min_confidence.to_string(),
-                row.min_sources.to_string(),
-                row.max_pixel_error.to_string(),
+                or_dash(row.min_confidence),
+                or_dash(row.min_sources),
+                or_dash(row.max_pixel_error),
                 row.points.to_string(),
             ];
             table.add_row(options.into_iter().chain(score));
@@ -200,6 +225,11 @@ pub(crate) fn execute_sweep(job: &SweepJob, global: &Global) -> anyhow::Result<V
         table
     })?;
     Ok(Verdict::Passed)
+}
+
+/// A value, or a dash where it counts for nothing.
+fn or_dash(value: Option<impl ToString>) -> String {
+    value.map_or_else(|| "–".to_owned(), |value| value.to_string())
 }
 
 /// The mode's options, overridden by the preset's, the file's, the flags'.

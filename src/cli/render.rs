@@ -31,14 +31,15 @@ pub(crate) struct RenderArgs {
     size: Option<Size>,
     #[command(flatten)]
     camera: CameraFlags,
-    /// Where the cameras put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
+    /// Where the cameras put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0); the cams that are written
+    /// have it at (0.5, 0.5)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
     /// Render pinhole images of cameras that have a lens
     #[arg(long)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     undistort: bool,
-    /// Write more: normals (geometric), interpolated-normals, sight (what each pixel shows: 0 nothing,
+    /// Write more, separated by commas: normals (geometric), interpolated-normals, sight (what each pixel shows: 0 nothing,
     /// 32 no ray, 64 the back of a triangle, 192 surface whose samples disagree, 255 surface)
     #[arg(long = "also", value_enum, value_delimiter = ',', value_name = "WHAT")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -113,7 +114,7 @@ pub(crate) fn execute(job: &RenderJob, global: &Global) -> anyhow::Result<Verdic
 }
 
 fn as_table(outcome: &RenderOutcome) -> comfy_table::Table {
-    let mut table = table(&["view", "size", "coverage", "depth"]);
+    let mut table = table(&["view", "image", "size", "coverage", "depth"]);
     for view in &outcome.views {
         let depth = match (view.depth_min, view.depth_max) {
             (Some(min), Some(max)) => format!("{min:.4} … {max:.4}"),
@@ -121,6 +122,7 @@ fn as_table(outcome: &RenderOutcome) -> comfy_table::Table {
         };
         table.add_row([
             view.id.to_string(),
+            view.name.clone(),
             format!("{}x{}", view.width, view.height),
             format!("{:.1} %", 100.0 * view.coverage),
             depth,

@@ -4,9 +4,11 @@ use super::{
     tradeoff, verify,
 };
 use clap::Args;
+use mvs_eval::Error;
 use mvs_eval::config;
-use mvs_eval::provenance::Run;
-use std::path::PathBuf;
+use mvs_eval::provenance::{Run, VERSION};
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 /// Make a result again from its run.toml
@@ -34,10 +36,19 @@ impl ReplayArgs {
 
 pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict> {
     let run = Run::read(&args.run)?;
-    for path in run.changed_inputs(&args.run) {
+    if run.version != VERSION {
         output::say(&format!(
-            "warning [input-changed]: {path} is not what it was in the first run"
+            "warning [other-version]: {}: made by mvs-eval {}, this is {VERSION}: the result may differ",
+            args.run.display(),
+            run.version
         ));
+    }
+    for path in run.changed_inputs(&args.run) {
+        let how = match Path::new(&path).exists() {
+            true => "not what it was in the first run",
+            false => "not there, as seen from this folder",
+        };
+        output::say(&format!("warning [input-changed]: {path} is {how}"));
     }
     let asked = run.options.contains_key("filtered_depths");
     if asked && args.out.is_some() != args.filtered_depths.is_some() {
@@ -56,21 +67,32 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         }
     }
     let layers = [run.options.clone(), over];
+    let run_file = args.run.as_path();
     match run.command.as_str() {
-        "demo" => demo::execute(&config::resolve(layers)?, global),
-        "augment" => augment::execute(&config::resolve(layers)?, global),
-        "pairs" => pairs::execute(&config::resolve(layers)?, global),
-        "depth" => depth::execute(&config::resolve(layers)?, global),
-        "extremes" => extremes::execute(&config::resolve(layers)?, global),
-        "blend" => blend::execute(&config::resolve(layers)?, global),
-        "generate" => generate::execute(&config::resolve(layers)?, global),
-        "tradeoff" => tradeoff::execute(&config::resolve(layers)?, global),
-        "verify" => verify::execute(&config::resolve(layers)?, global),
-        "report" => report::execute(&config::resolve(layers)?, global),
-        "render" => render::execute(&config::resolve(layers)?, global),
-        "score" => score::execute(&config::resolve(layers)?, global),
-        "sweep" => fuse::execute_sweep(&config::resolve(layers)?, global),
-        "fuse" => fuse::execute(&config::resolve(layers)?, global),
+        "demo" => demo::execute(&options(layers, run_file)?, global),
+        "augment" => augment::execute(&options(layers, run_file)?, global),
+        "pairs" => pairs::execute(&options(layers, run_file)?, global),
+        "depth" => depth::execute(&options(layers, run_file)?, global),
+        "extremes" => extremes::execute(&options(layers, run_file)?, global),
+        "blend" => blend::execute(&options(layers, run_file)?, global),
+        "generate" => generate::execute(&options(layers, run_file)?, global),
+        "tradeoff" => tradeoff::execute(&options(layers, run_file)?, global),
+        "verify" => verify::execute(&options(layers, run_file)?, global),
+        "report" => report::execute(&options(layers, run_file)?, global),
+        "render" => render::execute(&options(layers, run_file)?, global),
+        "score" => score::execute(&options(layers, run_file)?, global),
+        "sweep" => fuse::execute_sweep(&options(layers, run_file)?, global),
+        "fuse" => fuse::execute(&options(layers, run_file)?, global),
         other => anyhow::bail!("{}: unknown command `{other}`", args.run.display()),
     }
+}
+
+/// The options of a run, whose `run.toml` is named where they are none.
+fn options<T: DeserializeOwned>(layers: [Table; 2], run_file: &Path) -> mvs_eval::Result<T> {
+    config::resolve(layers).map_err(|error| match error {
+        Error::Invalid { what, problem } if what == "options" => {
+            Error::invalid(run_file.display().to_string(), problem)
+        }
+        other => other,
+    })
 }

@@ -8,8 +8,10 @@ use crate::error::{Error, Result};
 use mvs_datasets::format::jpeg::{self, JpegOptions};
 use mvs_datasets::scene::{ColorImage, Mask};
 
-/// The brightest that the background may come back as: readers' 10, less what decoders differ by.
-const DARK: u8 = 8;
+/// The brightest that readers take for background.
+pub(crate) const BACKGROUND: u8 = 10;
+/// The brightest that the background may come back as, less by what decoders differ by.
+const DARK: u8 = BACKGROUND - 2;
 
 /// An image and what a mask leaves of it, as JPEGs.
 pub(crate) struct Pair {

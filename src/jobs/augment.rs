@@ -1,14 +1,17 @@
 //! `mvs-eval augment`: training images, changed at random as the BlendedMVS training does.
 
 use super::{Context, OutDir};
-use crate::error::Result;
+use crate::blend;
+use crate::error::{Error, Result};
 use crate::generate;
 use crate::generate::augment::{self, Step};
+use crate::generate::masked;
 use crate::parallel;
 use crate::provenance::Run;
 use mvs_datasets::format::image::{self, JpegOptions};
 use mvs_datasets::layout::{blended, files};
 use serde::{Deserialize, Serialize};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval augment`.
@@ -61,6 +64,7 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
         let problem = "expected images (.jpg or .png) here or in blended_images/, found none";
         return Err(mvs_datasets::Error::layout(&job.images, problem).into());
     }
+    context.warn_of_unfinished(&[&folder], &job.out);
     let run = Run::new("augment", job, &OutDir::inputs(&job.out, &[&folder])?)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let given: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
@@ -118,20 +122,48 @@ fn image_folder(path: &Path) -> PathBuf {
 }
 
 fn augment_one(folder: &Path, name: &str, seed: u64, out: &OutDir) -> Result<AugmentedImage> {
-    let given = files::read_image(&folder.join(name))?;
+    let path = folder.join(name);
+    let given = files::read_image(&path)?;
     let view = view_of(name);
     let steps = augment::draw(seed, view);
-    let changed = augment::apply(&given, &steps)?;
     let is_png = name.to_ascii_lowercase().ends_with(".png");
-    out.write(name, |file| match is_png {
-        true => image::write_png(file, &changed),
-        false => image::write_jpeg(file, &changed, JpegOptions::default()),
-    })?;
+    let jpeg = JpegOptions::default();
+    match unmasked(folder, name) {
+        None => {
+            let changed = augment::apply(&given, &steps)?;
+            out.write(name, |file| match is_png {
+                true => image::write_png(file, &changed),
+                false => image::write_jpeg(file, &changed, jpeg),
+            })?;
+        }
+        Some(whole) => {
+            let whole = files::read_image(&whole)?;
+            let mask = given.map(|pixel| pixel.iter().any(|&level| level > masked::BACKGROUND));
+            let changed = augment::apply(&whole, &steps)?;
+            let cut = blend::masked(&changed, &mask)
+                .map_err(|error| Error::invalid(path.display().to_string(), error.to_string()))?;
+            if is_png {
+                out.write(name, |file| image::write_png(file, &cut))?;
+            } else {
+                let pair = masked::encode(&changed, &mask, jpeg)?;
+                let bytes = pair.masked.unwrap_or(pair.whole);
+                out.write(name, |file| file.write_all(&bytes))?;
+            }
+        }
+    }
     Ok(AugmentedImage {
         file: name.to_owned(),
         view,
         steps,
     })
+}
+
+/// The image that a masked one is cut from, where it lies beside it: of that, not of its background, the contrast
+/// is, so that both agree where there is surface.
+fn unmasked(folder: &Path, name: &str) -> Option<PathBuf> {
+    let (stem, end) = name.rsplit_once('.')?;
+    let path = folder.join(format!("{}.{end}", stem.strip_suffix("_masked")?));
+    path.is_file().then_some(path)
 }
 
 fn view_of(name: &str) -> u32 {

@@ -71,6 +71,7 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
             ("--out", &[&job.out], "a folder to write"),
         ],
     )?;
+    context.warn_of_unfinished(&[&job.rendered, &job.photos], &job.out);
     let inputs = find_inputs(job)?;
     let run = Run::new(
         "blend",

@@ -154,6 +154,7 @@ fn create(job: &DepthJob, path: &Path, context: &Context<'_>) -> Result<OutDir> 
     let mut read: Vec<&Path> = truth.iter().map(PathBuf::as_path).collect();
     read.push(&job.estimates);
     read.extend(job.confidence.as_deref());
+    context.warn_of_unfinished(&read, path);
     OutDir::create(
         path,
         Run::new("depth", job, &OutDir::inputs(path, &read)?)?,

@@ -9,7 +9,7 @@ pub mod sweep;
 mod units;
 mod workspace;
 
-use super::out::{check_no_input, remove_if_there, replaced, write_run_file};
+use super::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
 use super::{Context, check_out_file, run_file_beside};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -143,6 +143,7 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let results: Vec<&Path> = own.iter().map(PathBuf::as_path).collect();
     let read = maps.files().into_iter().chain(job.crop.as_deref());
     check_no_input(&results, read)?;
+    check_run_file(&run_file, "fuse")?;
     let prism = job.crop.as_deref().map(read_prism).transpose()?;
     let inside = |point: DVec3| prism.as_ref().is_none_or(|prism| prism.contains(point));
     let region: Option<&Region<'_>> = if prism.is_some() { Some(&inside) } else { None };

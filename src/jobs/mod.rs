@@ -31,6 +31,8 @@ pub use out::{OutDir, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::warning::Warnings;
+use mvs_datasets::layout::blended::UNFINISHED;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// What every job is given beside its options. None of it changes a result.
@@ -42,6 +44,24 @@ pub struct Context<'a> {
     pub warnings: &'a Warnings,
     /// Whether existing outputs may be replaced.
     pub force: bool,
+}
+
+impl Context<'_> {
+    /// Says which of these inputs belong to results that are not finished: part of them may be missing. Those of
+    /// the result at `out`, which is made further, do not count.
+    fn warn_of_unfinished(&self, inputs: &[&Path], out: &Path) {
+        let folders = inputs.iter().flat_map(|path| path.ancestors().take(2));
+        let is_unfinished = |folder: &&Path| folder.join(UNFINISHED).is_file() && *folder != out;
+        let unfinished: BTreeSet<&Path> = folders.filter(is_unfinished).collect();
+        for folder in unfinished {
+            let message = format!(
+                "{}: has a {UNFINISHED}: what makes the folder was interrupted or still runs, and some of it may \
+                 be missing or older",
+                folder.display()
+            );
+            self.warnings.add("unfinished", message);
+        }
+    }
 }
 
 /// Refuses a `command` without one of its paths before any work: (flag, its paths, what is expected).

@@ -374,6 +374,22 @@ pub(super) fn replaced<'a>(own: &'a [PathBuf], run_file: &Path, command: &str) -
     }
 }
 
+/// Refuses a `run.toml` of another command's result, which `--force` would replace: nothing would say any more how
+/// that was made.
+pub(super) fn check_run_file(run_file: &Path, command: &str) -> Result<()> {
+    match Run::read(run_file) {
+        Ok(run) if run.command != command => {
+            let problem = format!(
+                "expected the run.toml of `{command}` or none, found that of `{}`, whose result it belongs to: \
+                 choose another name for --out",
+                run.command
+            );
+            Err(Error::invalid(run_file.display().to_string(), problem))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes the `run.toml` of a run at `run_file`, which names its result `files`.
 pub(super) fn write_run_file(mut run: Run, run_file: &Path, files: &[PathBuf]) -> Result<()> {
     let real = real_path(run_file);

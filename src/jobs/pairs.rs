@@ -2,7 +2,7 @@
 
 use super::cameras::{self, CameraOptions};
 use super::meshes::{MeshOptions, read_mesh};
-use super::out::{check_no_input, replaced, write_run_file};
+use super::out::{check_no_input, check_run_file, replaced, write_run_file};
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::generate::{Covisibility, PairOptions, count_behind, sparse_sources};
@@ -67,6 +67,7 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
         ],
     )?;
     let run_file = run_file_beside(&job.out);
+    context.warn_of_unfinished(&[&job.cameras], Path::new(""));
     check_out_file(&job.out, context.force)?;
     check_out_file(&run_file, context.force)?;
     let (views, sources, run) = if job.mesh.is_empty() {
@@ -121,6 +122,7 @@ fn run_of(job: &PairsJob, meshes: &[PathBuf]) -> Result<Run> {
     let read = listed.files().into_iter();
     let read = read.filter(|file| !file.ends_with("pair.txt"));
     check_no_input(&[&job.out, &run_file], read)?;
+    check_run_file(&run_file, "pairs")?;
     Run::new("pairs", job, &Inputs::list(&inputs, &own)?)
 }
 
@@ -130,6 +132,11 @@ fn read_model(job: &PairsJob, context: &Context<'_>) -> Result<SparseModel> {
         ..CamerasOptions::default()
     };
     let model = sparse::read_sparse(&job.cameras, &options)?;
+    if job.camera != CameraOptions::default() || job.meshes != MeshOptions::default() {
+        let message = "without a mesh the model's own cameras and points count: --camera-size, --focal, --center \
+                       and --texture-memory do not";
+        context.warnings.add("unused-option", message.to_owned());
+    }
     let has_lens = |view: &&View| view.camera.distortion() != Distortion::None;
     let lenses = model.views.iter().filter(has_lens).count();
     if lenses > 0 {

@@ -77,8 +77,10 @@ pub struct RenderOutcome {
 /// One rendered view.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RenderedView {
-    /// The view's id.
+    /// The view's id, which names its files.
     pub id: u32,
+    /// The name of its image, where the cameras say it.
+    pub name: String,
     /// Image width in pixels.
     pub width: u32,
     /// Image height in pixels.
@@ -261,12 +263,7 @@ fn render_view(
     };
     let depth_min = valid().reduce(f32::min);
     let depth_max = valid().reduce(f32::max);
-    write_cam(
-        &name("cams", "_cam.txt"),
-        view,
-        depth_min.zip(depth_max),
-        job.pixel_center,
-    )?;
+    write_cam(&name("cams", "_cam.txt"), view, depth_min.zip(depth_max))?;
     let (width, height) = rendering.depth.size();
     let pixels = rendering.depth.values().len();
     #[allow(
@@ -276,6 +273,7 @@ fn render_view(
     let coverage = rendering.depth.valid_count() as f64 / pixels as f64;
     Ok(RenderedView {
         id: view.id,
+        name: view.name.clone(),
         width,
         height,
         coverage,
@@ -287,13 +285,9 @@ fn render_view(
     })
 }
 
-/// The cam with the range of what is seen; a view that sees nothing keeps its own range.
-fn write_cam(
-    path: &Path,
-    view: &View,
-    seen: Option<(f32, f32)>,
-    pixel_centre: PixelCentre,
-) -> Result<()> {
+/// The cam with the range of what is seen; a view that sees nothing keeps its own range. Pixel centres are where
+/// all cams of this program have them, wherever the given ones did.
+fn write_cam(path: &Path, view: &View, seen: Option<(f32, f32)>) -> Result<()> {
     let seen = seen.and_then(|(min, max)| {
         let (min, max) = (f64::from(min), f64::from(max));
         DepthRange::new(min, if max > min { max } else { min * (1.0 + 1e-6) }).ok()
@@ -303,5 +297,5 @@ fn write_cam(
         depth_range,
         ..view.clone()
     };
-    Ok(mvsnet::write_view(path, &view, pixel_centre)?)
+    Ok(mvsnet::write_view(path, &view, PixelCentre::Half)?)
 }

@@ -165,7 +165,12 @@ fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
             let mut visited: BTreeSet<PathBuf> = out.iter().cloned().collect();
             search(path, &mut visited, &mut found)?;
             if found.len() == before {
-                let problem = format!("expected {} in it, found none", RECORD_FILES.join(" or "));
+                let out = match path.canonicalize().ok() == out {
+                    true => ": this is where the report goes, which is not searched",
+                    false => "",
+                };
+                let names = RECORD_FILES.join(" or ");
+                let problem = format!("expected {names} in it, found none{out}");
                 return Err(Error::invalid(path.display().to_string(), problem));
             }
         } else {

@@ -112,6 +112,7 @@ impl Default for ScoreJob {
 pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     let plan = Plan::new(job)?;
     let inputs: Vec<&Path> = plan.inputs.iter().map(PathBuf::as_path).collect();
+    context.warn_of_unfinished(&inputs, &job.out);
     let run = Run::new("score", job, &OutDir::inputs(&job.out, &inputs)?)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let work = Work::new(job, &plan, context);

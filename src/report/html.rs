@@ -2,6 +2,7 @@
 
 use super::cloud_payload::{Payload, base64, pack};
 use super::curve_svg::escaped;
+use super::leaderboard::Metric;
 use super::table::{Emphasis, Table};
 use crate::error::{Error, Result};
 use glam::DVec3;
@@ -189,6 +190,10 @@ fn push_tables(text: &mut String, tables: &[Table]) {
 fn push_table(text: &mut String, table: &Table) {
     let sortable = table.rows_per_method <= 1;
     let class = if sortable { " class=\"sortable\"" } else { "" };
+    let of_distances = Metric::ALL.iter().any(|metric| {
+        let named = ("metric".to_owned(), metric.name().to_owned());
+        !metric.is_fraction() && table.identity.contains(&named)
+    });
     let title = escaped(&table.title);
     push(text, format_args!("<h3>{title}</h3>"));
     push(
@@ -200,8 +205,12 @@ fn push_table(text: &mut String, table: &Table) {
     push(text, format_args!("<table{class}>\n<thead><tr>"));
     for (column, name) in table.header.iter().enumerate() {
         let class = if column == 0 { " class=\"name\"" } else { "" };
-        // Ranks and names are asked for from the smallest, scores from the largest.
-        let first = if column < 3 { "up" } else { "down" };
+        // Ranks, names and distances are asked for from the smallest, other scores from the largest.
+        let first = if column < 3 || of_distances {
+            "up"
+        } else {
+            "down"
+        };
         let name = escaped(name);
         let label = if sortable {
             format!("<button>{name}</button>")

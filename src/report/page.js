@@ -189,9 +189,28 @@
       return true;
     }
     canvas.addEventListener("keydown", function (event) { if (nudge(event.key)) { event.preventDefault(); } });
-    canvas.addEventListener("pointerdown", function (event) { canvas.setPointerCapture(event.pointerId); });
+    // Fingers: one turns, two come nearer or go away, and up and down is the page's.
+    var fingers = new Map();
+    function apart() {
+      var at = Array.from(fingers.values());
+      return Math.hypot(at[0][0] - at[1][0], at[0][1] - at[1][1]);
+    }
+    function lift(event) { fingers.delete(event.pointerId); }
+    canvas.addEventListener("pointerup", lift);
+    canvas.addEventListener("pointercancel", lift);
+    canvas.addEventListener("pointerdown", function (event) {
+      canvas.setPointerCapture(event.pointerId);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
     canvas.addEventListener("pointermove", function (event) {
       if (!event.buttons) { return; }
+      var before = fingers.size === 2 ? apart() : 0;
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+      if (fingers.size === 2) {
+        distance = Math.max(0.15, Math.min(8, distance * before / Math.max(1, apart())));
+        draw();
+        return;
+      }
       yaw -= event.movementX * 0.008;
       pitch = Math.max(-1.55, Math.min(1.55, pitch + event.movementY * 0.008));
       draw();

@@ -137,3 +137,78 @@ fn images_of_other_formats_are_named() {
         "{said}"
     );
 }
+
+/// What a masked image shows is what its whole one shows; its background stays what readers take for it.
+#[test]
+fn a_masked_image_is_changed_as_its_whole_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let images = folder.path().join("blended_images");
+    let is_surface = |index: usize| index % 40 > 12;
+    let cut = |image: &ColorImage| {
+        let pixels = image.values().iter().enumerate();
+        let pixels = pixels.map(|(index, &pixel)| if is_surface(index) { pixel } else { [0; 3] });
+        Raster::from_values(40, 30, pixels.collect()).unwrap()
+    };
+    let put = |name: &str, image: &ColorImage| {
+        files::write_atomically(&images.join(name), |out| match name.ends_with(".png") {
+            true => image::write_png(out, image),
+            false => image::write_jpeg(out, image, image::JpegOptions::default()),
+        })
+        .unwrap();
+    };
+    for number in 0..6 {
+        put(&format!("0000000{number}.png"), &picture());
+        put(&format!("0000000{number}_masked.png"), &cut(&picture()));
+    }
+    put("00000007.jpg", &picture());
+    put("00000007_masked.jpg", &cut(&picture()));
+    let out = folder.path().join("out");
+    let output = augmented(&images, "3", &out);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let read = |name: String| files::read_image(&out.join(name)).unwrap();
+    for number in 0..6 {
+        let whole = read(format!("0000000{number}.png"));
+        assert_ne!(whole, picture(), "{number}");
+        assert_eq!(
+            read(format!("0000000{number}_masked.png")),
+            cut(&whole),
+            "{number}"
+        );
+    }
+    assert!(
+        !stderr(&output).contains("unfinished"),
+        "{}",
+        stderr(&output)
+    );
+    // As `generate` leaves a scene that it was stopped in.
+    write(&folder.path().join("run.partial.toml"), "");
+    let output = augmented(folder.path(), "3", &folder.path().join("of unfinished"));
+    assert_eq!(output.status.code(), Some(0));
+    assert!(
+        stderr(&output).contains("warning [unfinished]"),
+        "{}",
+        stderr(&output)
+    );
+    let given = files::read_image(&images.join("00000007_masked.jpg")).unwrap();
+    let is_background = |pixel: &[u8; 3]| pixel.iter().all(|&level| level <= 10);
+    let pixels = read("00000007_masked.jpg".into());
+    let mut both = given.values().iter().zip(pixels.values());
+    assert!(both.all(|(given, found)| !is_background(given) || is_background(found)));
+    assert!(
+        pixels
+            .values()
+            .iter()
+            .filter(|pixel| !is_background(pixel))
+            .count()
+            > 500
+    );
+    put("00000009.png", &Raster::filled(8, 8, [90; 3]).unwrap());
+    put("00000009_masked.png", &picture());
+    let refused = augmented(&images, "3", &folder.path().join("again"));
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        stderr(&refused).contains("00000009_masked.png"),
+        "{}",
+        stderr(&refused)
+    );
+}

@@ -113,6 +113,34 @@ fn results_are_kept_and_replayed() {
         "{}",
         stderr(&output)
     );
+    // What else may make another result of it is said, and what is wrong with the file by its name.
+    let record = fs::read_to_string(&run).unwrap();
+    let replayed = |record: String| {
+        write(&run, record);
+        let output = mvs_eval(&[
+            "replay",
+            text(&run),
+            "--out",
+            text(&path("fourth")),
+            "--force",
+        ]);
+        (output.status.code(), stderr(&output))
+    };
+    let (_, said) = replayed(record.replace("version = \"0.1.0\"", "version = \"9.9.9\""));
+    assert!(said.contains("made by mvs-eval 9.9.9, this is"), "{said}");
+    let (code, said) = replayed(record.replace("[options]", "[options]\nsmaples = 1"));
+    assert_eq!(code, Some(2));
+    assert!(
+        said.contains("run.toml: ") && said.contains("smaples"),
+        "{said}"
+    );
+    fs::remove_file(&mesh).unwrap();
+    let (code, said) = replayed(record);
+    assert_eq!(code, Some(2));
+    assert!(
+        said.contains("mesh.obj is not there, as seen from this folder"),
+        "{said}"
+    );
 }
 
 /// Pairs are wanted beside the cams that they are of, where fusion looks for them.
@@ -215,6 +243,29 @@ fn inspect_understands_a_folder_of_tanks_and_temples() {
     // Without one of its files it is no scene, and what it is else is said.
     std::fs::remove_file(path("Barn_trans.txt")).unwrap();
     assert_refused(&["inspect", text(&path(""))], &["download", "expected"]);
+}
+
+/// Files are named by ids, which are places where names are no numbers.
+#[test]
+fn inspect_says_which_image_an_id_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    let said = |names: [&str; 2]| {
+        let frame = |name: &str| {
+            let rows = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+            format!(r#"{{"file_path": "{name}", "transform_matrix": {rows}}}"#)
+        };
+        let frames = names.map(frame).join(", ");
+        let head = r#""camera_angle_x": 0.7, "w": 40, "h": 30"#;
+        write(&path, format!(r#"{{{head}, "frames": [{frames}]}}"#));
+        let output = mvs_eval(&["inspect", text(&path), "--format", "table"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let places = said(["r_10.png", "r_2.png"]);
+    assert!(places.contains("0 = r_10.png, 1 = r_2.png"), "{places}");
+    let numbers = said(["0003.png", "0012.png"]);
+    assert!(!numbers.contains("image names"), "{numbers}");
 }
 
 /// An image beside the cams tells their size, and that these count from the first pixel's centre.

@@ -4,6 +4,7 @@ mod among;
 mod flags;
 mod places;
 mod real;
+mod sweep;
 
 use glam::DVec3;
 use mvs_datasets::format::colmap::dense;
@@ -14,7 +15,7 @@ use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, Raster, View};
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
 use mvs_eval::fuse::{FuseMode, FuseOptions, Sampling, Visibility};
 use mvs_eval::jobs::Context;
-use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
+use mvs_eval::jobs::fuse::sweep::{self as sweep_job, SweepJob};
 use mvs_eval::jobs::fuse::{FuseJob, FuseOutcome, Properties, check_used, run};
 use mvs_eval::parallel::with_threads;
 use mvs_eval::progress::Silent;
@@ -459,65 +460,6 @@ fn voxels_merge_and_the_fingerprint_stands_in_header_and_report() {
     assert!(print.len() == 16 && header(&job.out).contains(&line));
     assert!(!before.contains(&line), "other options, other fingerprint");
     assert_eq!(report["counts"]["pixels"], 12 * 160 * 120);
-}
-
-#[test]
-fn a_sweep_reads_once_and_each_line_is_what_fusing_gives() {
-    let scene = scene();
-    let folder = tempfile::tempdir().unwrap();
-    let fuse_job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
-    let truth = folder.path().join("truth.ply");
-    let mut plain = fuse_job.clone();
-    plain.depths = folder.path().join("exact");
-    for (index, view) in scene.scene().views().iter().enumerate() {
-        let path = plain.depths.join(mvsnet::file_name(view.id, ".pfm"));
-        let depth = scene.depth(index);
-        files::write_atomically(&path, |out| pfm::write_gray(out, depth.raster())).unwrap();
-    }
-    (plain.out, plain.confidence) = (truth.clone(), Vec::new());
-    fuse(&plain, false).unwrap();
-    let job = SweepJob {
-        out: folder.path().join("sweep.csv"),
-        pixel_errors: vec![0.25, 1.0],
-        min_sources: vec![2, 4],
-        min_confidences: vec![0.5],
-        truth: Some(truth),
-        tau: 0.02,
-        fuse: fuse_job.clone(),
-    };
-    let warnings = Warnings::default();
-    let context = Context {
-        progress: &Silent,
-        warnings: &warnings,
-        force: false,
-    };
-    let outcome = sweep::run(&job, &context).unwrap();
-    assert_eq!(outcome.rows.len(), 4);
-    for row in &outcome.rows {
-        let mut one = fuse_job.clone();
-        one.fuse.max_pixel_error = row.max_pixel_error;
-        one.fuse.min_sources = row.min_sources;
-        one.fuse.min_confidence = 0.5;
-        let alone = fuse(&one, true).unwrap();
-        assert_eq!((alone.points, alone.counts), (row.points, row.counts));
-        let score = row.score.unwrap();
-        assert!(
-            score.f_score() > 0.5 && score.precision() > 0.9,
-            "{score:?}"
-        );
-    }
-    let points = |at: usize| outcome.rows[at].points;
-    // Confidence outermost, pixel error innermost: looser gates and fewer sources give more.
-    assert!(points(0) < points(1) && points(2) < points(0) && points(3) < points(1));
-    let csv = files::read_text(&job.out).unwrap();
-    assert_eq!(csv.lines().count(), 5);
-    assert!(
-        csv.lines().nth(1).unwrap().starts_with("0.5,2,0.25,"),
-        "{csv}"
-    );
-    let (low, high) = outcome.fscore.unwrap();
-    assert!(low < high);
-    assert!(sweep::run(&job, &context).is_err(), "kept without --force");
 }
 
 #[test]

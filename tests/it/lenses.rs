@@ -274,6 +274,11 @@ fn render_goes_through_the_lens_or_takes_it_off_as_asked() {
         arguments.extend(flags);
         let output = mvs_eval(&arguments);
         assert!(output.status.success(), "{}", stderr(&output));
+        let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let names = answer["views"].as_array().unwrap().iter();
+        let names: Vec<&str> = names.map(|view| view["name"].as_str().unwrap()).collect();
+        let given: Vec<&str> = read.views().iter().map(|view| view.name.as_str()).collect();
+        assert!(names == given && !names[0].is_empty(), "{names:?}");
         let warned = stderr(&output).contains("3 views are rendered through their lens");
         assert_eq!(warned, name == "through", "{}", stderr(&output));
         for view in read.views() {

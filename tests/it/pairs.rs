@@ -133,8 +133,11 @@ fn a_sparse_model_gives_the_pairs_of_the_plain_script() {
             found.keys().all(|&id| listed(id)),
             "every reference is a source"
         );
-        let few = mvs_eval(&[&arguments[..], &["--sources", "2", "--force"]].concat());
+        assert!(!said.contains("unused-option"), "{said}");
+        let more = ["--sources", "2", "--force", "--focal", "100"];
+        let few = mvs_eval(&[&arguments[..], &more].concat());
         assert_eq!(few.status.code(), Some(0), "{}", stderr(&few));
+        assert!(stderr(&few).contains("[unused-option]"), "{}", stderr(&few));
         for (id, sources) in read_pairs(&out) {
             assert_eq!(sources[..], found[&id][..sources.len()], "{id}");
             assert!(sources.len() <= 2);
@@ -208,6 +211,21 @@ fn pairs_replace_pairs_and_nothing_that_is_read() {
         );
         assert_eq!(fs::read(&path).unwrap(), before);
     }
+    // Nor does a result of this one take its place.
+    let (far, list) = (
+        elsewhere.path().join("cloud.run.toml"),
+        elsewhere.path().join("cloud.txt"),
+    );
+    of_fuse.write(&far).unwrap();
+    let before = fs::read(&far).unwrap();
+    let refused = run(text(&list), &[]);
+    assert_eq!(refused.status.code(), Some(2));
+    let said = stderr(&refused);
+    assert!(
+        said.contains("expected the run.toml of `pairs` or none, found that of `fuse`"),
+        "{said}"
+    );
+    assert!(fs::read(&far).unwrap() == before && !list.exists());
     fs::remove_file(other).unwrap();
     // Pairs from elsewhere are not read.
     write(&folder.path().join("pair.txt"), "0\n");

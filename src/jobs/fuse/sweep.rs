@@ -5,7 +5,7 @@ use super::maps::FolderMaps;
 use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
-use crate::jobs::out::{check_no_input, remove_if_there, replaced, write_run_file};
+use crate::jobs::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
 use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
@@ -29,7 +29,8 @@ pub struct SweepJob {
     pub min_sources: Vec<usize>,
     /// Values of `min_confidence`; without confidence maps it is not varied.
     pub min_confidences: Vec<f32>,
-    /// A cloud of the true surface: each combination is scored against it.
+    /// A cloud of the true surface: each combination is scored against it, in the crop volume if one is given,
+    /// both clouds averaged over voxels of `tau` / 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<PathBuf>,
     /// The distance below which points count, world units; needed with `truth`.
@@ -55,12 +56,12 @@ impl Default for SweepJob {
 /// One combination.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SweepRow {
-    /// Largest reprojection error in pixels.
-    pub max_pixel_error: f64,
-    /// Sources that must agree.
-    pub min_sources: usize,
-    /// Smallest confidence.
-    pub min_confidence: f32,
+    /// Largest reprojection error in pixels, where the mode asks for it.
+    pub max_pixel_error: Option<f64>,
+    /// Sources that must agree, where the mode asks for it.
+    pub min_sources: Option<usize>,
+    /// Smallest confidence, where maps of it are given and no quantile.
+    pub min_confidence: Option<f32>,
     /// Points of the cloud.
     pub points: usize,
     /// What became of the pixels.
@@ -94,6 +95,7 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
         .into_iter()
         .chain(others.map(PathBuf::as_path));
     check_no_input(&[&job.out, &run_file], read)?;
+    check_run_file(&run_file, "sweep")?;
     if let Some(truth) = &job.truth {
         folder.inputs.add(truth)?;
         folder.hash_others()?;
@@ -272,16 +274,17 @@ fn one(
         Some((truth, tau)) => {
             let found = FinitePoints::new(points.positions);
             let preparation = Preparation {
-                crop: None,
+                crop: prism.clone(),
                 voxel: Some(0.5 * tau.get()),
             };
             Some(evaluate(&found, None, truth, &preparation)?.score(*tau))
         }
     };
+    let varied = Varied::of(&job.fuse);
     Ok(SweepRow {
-        max_pixel_error: options.max_pixel_error,
-        min_sources: options.min_sources,
-        min_confidence: options.min_confidence,
+        max_pixel_error: varied.pixels.then_some(options.max_pixel_error),
+        min_sources: varied.sources.then_some(options.min_sources),
+        min_confidence: varied.confidence.then_some(options.min_confidence),
         points: count,
         counts,
         score,
@@ -299,9 +302,9 @@ fn write_csv(out: &mut impl Write, rows: &[SweepRow]) -> std::io::Result<()> {
         write!(
             out,
             "{},{},{},{},{},{},{},{}",
-            row.min_confidence,
-            row.min_sources,
-            row.max_pixel_error,
+            or_empty(row.min_confidence),
+            or_empty(row.min_sources),
+            or_empty(row.max_pixel_error),
             row.points,
             counts.pixels,
             counts.unconfident,
@@ -320,6 +323,10 @@ fn write_csv(out: &mut impl Write, rows: &[SweepRow]) -> std::io::Result<()> {
         }
     }
     Ok(())
+}
+
+fn or_empty(value: Option<impl ToString>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
 }
 
 /// The maps of a folder, without images, which no count needs: read once and kept where all of them

@@ -130,6 +130,29 @@ fn camera_facts(read: ReadCameras) -> Vec<Fact> {
     facts
 }
 
+/// Names that one line shows.
+const NAMES: usize = 20;
+
+/// Which image each id is, where names do not say it.
+fn names_text(views: &[View]) -> Option<String> {
+    let is_told = |view: &View| {
+        let stem = Path::new(&view.name).file_stem().unwrap_or_default();
+        stem.to_str().and_then(|stem| stem.parse().ok()) == Some(view.id)
+    };
+    if views
+        .iter()
+        .all(|view| view.name.is_empty() || is_told(view))
+    {
+        return None;
+    }
+    let names = views.iter().take(NAMES);
+    let names: Vec<String> = names
+        .map(|view| format!("{} = {}", view.id, view.name))
+        .collect();
+    let more = if views.len() > NAMES { ", …" } else { "" };
+    Some(names.join(", ") + more)
+}
+
 fn scene_facts(scene: &Scene) -> Vec<Fact> {
     let views = scene.views();
     let mut facts = vec![fact("views", views.len().to_string())];
@@ -137,6 +160,7 @@ fn scene_facts(scene: &Scene) -> Vec<Fact> {
         facts.push(fact("ids", format!("{} … {}", first.id, last.id)));
         facts.push(fact("first view", view_text(first)));
     }
+    facts.extend(names_text(views).map(|names| fact("image names", names)));
     facts.push(fact("lens", lens_text(views)));
     let centers = Aabb::around(views.iter().map(|view| view.pose.center_in_world()));
     facts.push(fact("camera centres", box_text(centers)));

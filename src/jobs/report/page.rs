@@ -155,9 +155,17 @@ struct Shown {
 }
 
 impl Shown {
-    /// Plots and, of `clouds` in the page, this folder's clouds.
-    fn add(&mut self, folder: &Path, document: &ScoreDocument, clouds: usize) -> Result<()> {
-        let scored = Scored::read(folder, document)?;
+    /// Plots and, of `clouds` in the page, this folder's clouds; nothing where they cannot be read.
+    fn add(
+        &mut self,
+        folder: &(&Path, ScoreDocument),
+        clouds: usize,
+        context: &Context<'_>,
+    ) -> Result<()> {
+        let Some(scored) = judged(folder, context) else {
+            self.plots.push(Vec::new());
+            return Ok(());
+        };
         self.plots.push(scored.plots()?);
         for cloud in scored.clouds() {
             if self.still.is_none() {
@@ -187,9 +195,9 @@ pub(super) fn of(
     });
     let clouds = sides.sum();
     let mut shown = Shown::default();
-    for (folder, document) in with_clouds {
+    for folder in with_clouds {
         context.progress.check()?;
-        shown.add(folder, document, clouds)?;
+        shown.add(folder, clouds, context)?;
     }
     let pictures = job.pictures.iter().map(|path| picture(path));
     let pictures = pictures.collect::<Result<Vec<_>>>()?;
@@ -233,6 +241,19 @@ fn score_folders(records: &[PathBuf]) -> Result<Vec<(&Path, ScoreDocument)>> {
         .collect()
 }
 
+/// The judged points of a score folder; where they cannot be read, its scores still count, and a warning says what
+/// the page lacks.
+fn judged<'a>(
+    (folder, document): &'a (&Path, ScoreDocument),
+    context: &Context<'_>,
+) -> Option<Scored<'a>> {
+    let left_out = |error: Error| {
+        let message = format!("the page has no curves and clouds of a score: {error}");
+        context.warnings.add("page-score-left-out", message);
+    };
+    Scored::read(folder, document).map_err(left_out).ok()
+}
+
 /// The plots that fit into `room`, whole folders at a time, and of how many folders they are. `made`
 /// are those of the first folders; of others the points are read as long as there is room.
 fn fitting(
@@ -243,11 +264,14 @@ fn fitting(
 ) -> Result<(Vec<Plot>, usize)> {
     let mut made = made.into_iter();
     let (mut plots, mut used) = (Vec::new(), 0);
-    for (nth, (folder, document)) in folders.iter().enumerate() {
+    for (nth, folder) in folders.iter().enumerate() {
         context.progress.check()?;
         let of_folder = match made.next() {
             Some(of_folder) => of_folder,
-            None => Scored::read(folder, document)?.plots()?,
+            None => match judged(folder, context) {
+                Some(scored) => scored.plots()?,
+                None => Vec::new(),
+            },
         };
         used += of_folder.iter().map(html::plot_bytes).sum::<usize>();
         if used > room {

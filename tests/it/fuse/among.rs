@@ -112,7 +112,7 @@ fn sweep_again(job: &SweepJob, force: bool) -> mvs_eval::Result<usize> {
         warnings: &Warnings::default(),
         force,
     };
-    sweep::run(job, &context).map(|outcome| outcome.rows.len())
+    sweep_job::run(job, &context).map(|outcome| outcome.rows.len())
 }
 
 #[test]

@@ -463,61 +463,6 @@ fn options_of_workspaces_do_not_go_with_cams_and_a_failing_run_keeps_the_result_
 }
 
 #[test]
-fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
-    let scene = scene();
-    let folder = tempfile::tempdir().unwrap();
-    let fuse_job = write_scene(&scene, None, folder.path());
-    let mut job = SweepJob {
-        out: folder.path().join("sweep.csv"),
-        fuse: fuse_job,
-        ..SweepJob::default()
-    };
-    let rows = |job: &SweepJob| {
-        let warnings = Warnings::default();
-        let context = Context {
-            progress: &Silent,
-            warnings: &warnings,
-            force: true,
-        };
-        sweep::run(job, &context).map(|outcome| outcome.rows)
-    };
-    job.fuse.vis = true;
-    let error = rows(&job).unwrap_err().to_string();
-    assert!(error.contains("--vis"), "{error}");
-    job.fuse.vis = false;
-    job.fuse.fuse = FuseOptions::of(FuseMode::Dynamic);
-    type Change = (&'static str, &'static str, fn(&mut SweepJob));
-    let changes: [Change; 4] = [
-        ("--sweep-min-sources", "dynamic", |job| {
-            job.min_sources = vec![2, 4];
-        }),
-        ("--sweep-pixel-error", "dynamic", |job| {
-            job.pixel_errors = vec![0.7];
-        }),
-        ("--sweep-min-confidence", "without --confidence", |job| {
-            job.min_confidences = vec![0.5];
-        }),
-        ("--sweep-pixel-error", "0.5 twice", |job| {
-            job.fuse.fuse = FuseOptions::of(FuseMode::Geo);
-            job.pixel_errors = vec![0.5, 1.0, 0.5];
-        }),
-    ];
-    for (flag, part, change) in changes {
-        let mut job = job.clone();
-        change(&mut job);
-        let error = rows(&job).unwrap_err().to_string();
-        assert!(error.starts_with(flag) && error.contains(part), "{error}");
-    }
-    assert_eq!(rows(&job).unwrap().len(), 1);
-    job.fuse.fuse = FuseOptions::of(FuseMode::Geo);
-    let in_memory = rows(&job).unwrap();
-    assert_eq!(in_memory.len(), 9);
-    // With room for no map all of them are read again, with the same result.
-    job.fuse.memory = Some(0);
-    assert_eq!(rows(&job).unwrap(), in_memory);
-}
-
-#[test]
 fn no_result_takes_the_place_of_an_input_or_of_what_is_no_file() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();

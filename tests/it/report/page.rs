@@ -182,6 +182,22 @@ fn a_score_folder_becomes_a_page_from_the_command_line() {
     assert_eq!(refused.status.code(), Some(2));
     let said = "score.json: schema: expected mvs-eval score 1, found mvs-eval score 9";
     assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
+    // Without its clouds a score still counts; what the page lacks is said.
+    for name in ["score.json", "scores.csv"] {
+        std::fs::create_dir_all(at("bare")).unwrap();
+        std::fs::copy(score.join(name), at("bare").join(name)).unwrap();
+    }
+    let bare = mvs_eval(&["report", arg(&at("bare")), "--out", arg(&at("of bare"))]);
+    assert_eq!(bare.status.code(), Some(0), "{}", stderr(&bare));
+    let said = "the page has no curves and clouds of a score: ";
+    assert!(stderr(&bare).contains(said), "{}", stderr(&bare));
+    assert!(
+        stderr(&bare).contains("demo.precision.ply"),
+        "{}",
+        stderr(&bare)
+    );
+    let of_bare = std::fs::read_to_string(at("of bare/index.html")).unwrap();
+    assert!(of_bare.contains("noisy-depth") && !of_bare.contains("<h2>Curves</h2>"));
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("<h1>A &lt;test&gt;</h1>") && page.contains("BLAKE3"));
     assert!(page.contains("demo, noisy-depth: precision") && page.contains("noisy-depth: recall"));

@@ -1,0 +1,203 @@
+//! The same maps with a grid of parameters.
+
+use super::*;
+use crate::support::{mvs_eval, stderr, text};
+use mvs_eval::jobs::score::{self, ScoreJob};
+
+#[test]
+fn a_sweep_reads_once_and_each_line_is_what_fusing_gives() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let fuse_job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    let truth = folder.path().join("truth.ply");
+    let mut plain = fuse_job.clone();
+    plain.depths = folder.path().join("exact");
+    for (index, view) in scene.scene().views().iter().enumerate() {
+        let path = plain.depths.join(mvsnet::file_name(view.id, ".pfm"));
+        let depth = scene.depth(index);
+        files::write_atomically(&path, |out| pfm::write_gray(out, depth.raster())).unwrap();
+    }
+    (plain.out, plain.confidence) = (truth.clone(), Vec::new());
+    fuse(&plain, false).unwrap();
+    let job = SweepJob {
+        out: folder.path().join("sweep.csv"),
+        pixel_errors: vec![0.25, 1.0],
+        min_sources: vec![2, 4],
+        min_confidences: vec![0.5],
+        truth: Some(truth),
+        tau: 0.02,
+        fuse: fuse_job.clone(),
+    };
+    let warnings = Warnings::default();
+    let context = Context {
+        progress: &Silent,
+        warnings: &warnings,
+        force: false,
+    };
+    let outcome = sweep_job::run(&job, &context).unwrap();
+    assert_eq!(outcome.rows.len(), 4);
+    for row in &outcome.rows {
+        let mut one = fuse_job.clone();
+        one.fuse.max_pixel_error = row.max_pixel_error.unwrap();
+        one.fuse.min_sources = row.min_sources.unwrap();
+        one.fuse.min_confidence = 0.5;
+        let alone = fuse(&one, true).unwrap();
+        assert_eq!((alone.points, alone.counts), (row.points, row.counts));
+        let score = row.score.unwrap();
+        assert!(
+            score.f_score() > 0.5 && score.precision() > 0.9,
+            "{score:?}"
+        );
+    }
+    let points = |at: usize| outcome.rows[at].points;
+    // Confidence outermost, pixel error innermost: looser gates and fewer sources give more.
+    assert!(points(0) < points(1) && points(2) < points(0) && points(3) < points(1));
+    let csv = files::read_text(&job.out).unwrap();
+    assert_eq!(csv.lines().count(), 5);
+    assert!(
+        csv.lines().nth(1).unwrap().starts_with("0.5,2,0.25,"),
+        "{csv}"
+    );
+    let (low, high) = outcome.fscore.unwrap();
+    assert!(low < high);
+    assert!(
+        sweep_job::run(&job, &context).is_err(),
+        "kept without --force"
+    );
+    // With a crop it is the truth in the crop that counts, as for the score of the cloud alone.
+    let mut cropped = SweepJob {
+        pixel_errors: vec![1.0],
+        min_sources: vec![2],
+        out: folder.path().join("cropped.csv"),
+        ..job.clone()
+    };
+    let crop = folder.path().join("crop.json");
+    let square = r#"[[-0.4,-0.4,0],[0.4,-0.4,0],[0.4,0.4,0],[-0.4,0.4,0]]"#;
+    let volume =
+        r#""class_name":"SelectionPolygonVolume","orthogonal_axis":"Z","axis_min":-9,"axis_max":9"#;
+    let content =
+        format!(r#"{{{volume},"bounding_polygon":{square},"version_major":1,"version_minor":0}}"#);
+    files::write_atomically(&crop, |out| out.write_all(content.as_bytes())).unwrap();
+    cropped.fuse.crop = Some(crop.clone());
+    let row = sweep_job::run(&cropped, &context).unwrap().rows.remove(0);
+    let mut one = cropped.fuse.clone();
+    (
+        one.fuse.max_pixel_error,
+        one.fuse.min_sources,
+        one.fuse.min_confidence,
+    ) = (1.0, 2, 0.5);
+    one.out = folder.path().join("one.ply");
+    fuse(&one, true).unwrap();
+    let alone = score::run(
+        &ScoreJob {
+            truth: job.truth,
+            reconstruction: one.out,
+            crop: Some(crop),
+            voxel: Some(0.01),
+            tau: vec![0.02],
+            out: folder.path().join("score"),
+            ..ScoreJob::default()
+        },
+        &context,
+    )
+    .unwrap();
+    let found = row.score.unwrap();
+    assert_eq!(
+        (found.precision(), found.recall()),
+        (alone.precision, alone.recall)
+    );
+    assert!(alone.recall > 0.5 && row.points < outcome.rows[1].points / 2);
+}
+
+#[test]
+fn a_flag_is_the_one_value_of_its_axis() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let table = folder.path().join("sweep.csv");
+    let sweep = |more: &[&str]| {
+        let fixed = [
+            "fuse",
+            text(&job.scene),
+            "--depths",
+            text(&job.depths),
+            "--sweep",
+        ];
+        let out = ["--out", text(&table), "--force"];
+        mvs_eval(&[&fixed[..], &out, more].concat())
+    };
+    let made = sweep(&["--max-pixel-error", "0.7", "--sweep-min-sources", "2,4"]);
+    assert_eq!(made.status.code(), Some(0), "{}", stderr(&made));
+    let csv = files::read_text(&table).unwrap();
+    let axes = csv
+        .lines()
+        .skip(1)
+        .map(|line| &line[..line.match_indices(',').nth(2).unwrap().0]);
+    assert_eq!(
+        axes.collect::<Vec<_>>(),
+        [",2,0.7", ",4,0.7"],
+        "no confidence maps"
+    );
+    let both = sweep(&["--min-sources", "3", "--sweep-min-sources", "2,4"]);
+    assert_eq!(both.status.code(), Some(2));
+    assert!(
+        stderr(&both).contains("--sweep-min-sources: says the same as --min-sources"),
+        "{}",
+        stderr(&both)
+    );
+}
+
+#[test]
+fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let fuse_job = write_scene(&scene, None, folder.path());
+    let mut job = SweepJob {
+        out: folder.path().join("sweep.csv"),
+        fuse: fuse_job,
+        ..SweepJob::default()
+    };
+    let rows = |job: &SweepJob| {
+        let warnings = Warnings::default();
+        let context = Context {
+            progress: &Silent,
+            warnings: &warnings,
+            force: true,
+        };
+        sweep_job::run(job, &context).map(|outcome| outcome.rows)
+    };
+    job.fuse.vis = true;
+    let error = rows(&job).unwrap_err().to_string();
+    assert!(error.contains("--vis"), "{error}");
+    job.fuse.vis = false;
+    job.fuse.fuse = FuseOptions::of(FuseMode::Dynamic);
+    type Change = (&'static str, &'static str, fn(&mut SweepJob));
+    let changes: [Change; 4] = [
+        ("--sweep-min-sources", "dynamic", |job| {
+            job.min_sources = vec![2, 4];
+        }),
+        ("--sweep-pixel-error", "dynamic", |job| {
+            job.pixel_errors = vec![0.7];
+        }),
+        ("--sweep-min-confidence", "without --confidence", |job| {
+            job.min_confidences = vec![0.5];
+        }),
+        ("--sweep-pixel-error", "0.5 twice", |job| {
+            job.fuse.fuse = FuseOptions::of(FuseMode::Geo);
+            job.pixel_errors = vec![0.5, 1.0, 0.5];
+        }),
+    ];
+    for (flag, part, change) in changes {
+        let mut job = job.clone();
+        change(&mut job);
+        let error = rows(&job).unwrap_err().to_string();
+        assert!(error.starts_with(flag) && error.contains(part), "{error}");
+    }
+    assert_eq!(rows(&job).unwrap().len(), 1);
+    job.fuse.fuse = FuseOptions::of(FuseMode::Geo);
+    let in_memory = rows(&job).unwrap();
+    assert_eq!(in_memory.len(), 9);
+    // With room for no map all of them are read again, with the same result.
+    job.fuse.memory = Some(0);
+    assert_eq!(rows(&job).unwrap(), in_memory);
+}
