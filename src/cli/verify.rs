@@ -8,8 +8,8 @@ use std::path::PathBuf;
 /// Check a BlendedMVS scene: format, depth against cameras, colours, conventions
 ///
 /// Names what is wrong (half a pixel, swapped poses, scaled intrinsics, range instead of z-depth,
-/// shuffled pairs, a single view that does not fit, missing files, …) and exits with 1 when there is a fault. Works on anybody's
-/// data in that format.
+/// shuffled pairs, a single view that does not fit, images moved against depths, missing files, …), says
+/// how well the views agree, and exits with 1 when there is a fault. Works on anybody's data in that format.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct VerifyArgs {
     /// A scene folder, or a data set's root, whose scenes are all verified, listed ones too
@@ -45,8 +45,14 @@ pub(crate) fn execute(job: &VerifyJob, global: &Global) -> anyhow::Result<Verdic
             for finding in &verification.findings {
                 table.add_row([scene, &finding.code, &finding.place, &finding.message]);
             }
-            if verification.findings.is_empty() {
-                table.add_row([scene, "–", "", "nothing wrong was found"]);
+            let nothing = verification.findings.is_empty();
+            let nothing = nothing.then(|| "nothing wrong was found".to_owned());
+            let said: Vec<String> = nothing
+                .into_iter()
+                .chain(verification.agreement())
+                .collect();
+            if !said.is_empty() {
+                table.add_row([scene, "–", "", &said.join("; ")]);
             }
         }
         table

@@ -52,11 +52,7 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     let missing = missing.into_iter().map(|name| (name, missing_scene()));
     let mut scenes: Vec<(String, Verification)> = missing.collect();
     for folder in folders {
-        let name = folder
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
+        let name = name_of(&folder);
         let scene = BlendedFolder::new(folder);
         let verification = verify::verify(&scene, &job.verify, context.progress)?;
         scenes.push((name, verification));
@@ -68,6 +64,16 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
         out.finish()?;
     }
     Ok(outcome)
+}
+
+/// The folder's name, also where it is given as `.` or `..`.
+fn name_of(folder: &Path) -> String {
+    let whole = match folder.file_name() {
+        None => folder.canonicalize().ok(),
+        Some(_) => None,
+    };
+    let named = whole.as_deref().unwrap_or(folder).file_name();
+    named.unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The scenes at `path` by folder, and names that list files have and that are no folder: the folder
@@ -109,5 +115,20 @@ fn missing_scene() -> Verification {
         pairs: Vec::new(),
         median_difference: None,
         median_color_difference: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_is_named_however_it_is_given() {
+        assert_eq!(name_of(Path::new("sets/one")), "one");
+        assert_eq!(name_of(Path::new("sets/one/.")), "one");
+        let here = std::env::current_dir().unwrap();
+        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+        assert_eq!(name_of(Path::new(".")), name(&here));
+        assert_eq!(name_of(Path::new("src/..")), name(&here));
     }
 }

@@ -342,8 +342,10 @@ fn two_sets_from_one_run_are_sound_and_differ_in_scale_only() {
     for size in ["128x96", "64x48"] {
         let list = std::fs::read_to_string(root(size).join("BlendedMVS_training.txt")).unwrap();
         assert_eq!(list, scene_id("small") + "\n");
-        let verified = mvs_eval(&["verify", text(&root(size))]);
+        let verified = mvs_eval(&["verify", text(&root(size)), "--format", "table"]);
         assert_eq!(verified.status.code(), Some(0), "{}", stderr(&verified));
+        let said = String::from_utf8_lossy(&verified.stdout).into_owned();
+        assert!(said.contains("nothing wrong was found; depths"), "{said}");
     }
 }
 

@@ -7,7 +7,7 @@ use mvs_datasets::scene::{DepthMap, View};
 /// Depths that differ by less than this fraction are taken to show the same surface.
 pub(super) const SAME_SURFACE: f64 = 0.01;
 /// Neighbouring depths that differ by more are not interpolated.
-const SMOOTH: f64 = 0.02;
+pub(super) const SMOOTH: f64 = 0.02;
 
 /// A point carried into another view.
 pub(super) struct Carried {

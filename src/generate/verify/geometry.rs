@@ -2,7 +2,7 @@
 
 use super::carry::{SAME_SURFACE, agrees, carry, grid};
 use super::reading::Reading;
-use super::{Finding, VerifyOptions, median};
+use super::{Finding, Severity, VerifyOptions, median, quarter};
 use super::{images, listed, single};
 use crate::error::Result;
 use crate::parallel;
@@ -19,6 +19,8 @@ pub(super) const AS_IS: (Reading, Reading) = (Reading::AsIs, Reading::AsIs);
 const JUDGED_VIEWS: usize = 24;
 /// Below this many points in frame nothing is said about a pair.
 pub(super) const FEW: usize = 20;
+/// Of fewer views, one that is wrong spoils half of all pairs or more.
+const FEW_VIEWS: usize = 5;
 /// Differences below this say nothing more: the depths' own rounding.
 pub(super) const FLOOR: f64 = 1e-7;
 
@@ -69,17 +71,35 @@ pub(super) fn check(
 ) -> Result<Checked> {
     let mut findings = Vec::new();
     let judged = read_some(folder, scene)?;
-    let convention = judge_readings(scene, &judged, options);
+    let mut convention = judge_readings(scene, &judged, options);
     let (pairs, points) = check_pairs(folder, scene, options, progress)?;
     let agreeing = || pairs.iter().filter(|pair| pair.agree >= FEW);
-    let median_difference = median(agreeing().map(|pair| pair.median_difference).collect());
-    if convention.is_none() {
+    let differences = || {
+        agreeing()
+            .map(|pair| pair.median_difference)
+            .collect::<Vec<_>>()
+    };
+    let median_difference = median(differences());
+    let few = scene.views().len() < FEW_VIEWS;
+    if convention.is_none() || few {
         // Where all views are misread, each by itself is too.
-        let overall = median_difference.unwrap_or(0.0);
-        let of_views = single::check((folder, scene), (&pairs, &points), overall, options);
-        findings.extend(images::check(scene, &pairs, &of_views));
-        findings.extend(of_views);
-        findings.extend(overall_finding(overall));
+        let level = quarter(differences()).unwrap_or(0.0);
+        let of_views = single::check((folder, scene), (&pairs, &points), level, options);
+        let at_fault = of_views.iter().filter(|f| f.severity == Severity::Fault);
+        let at_fault: Vec<&str> = at_fault.map(|finding| &finding.place[..]).collect();
+        // One wrong view of so few is in so many pairs that another reading of all can fit better.
+        let single = few && at_fault.len() == 1;
+        convention = convention.filter(|_| !single);
+        if convention.is_none() {
+            let fits = |id: u32| !at_fault.contains(&&format!("view {id}")[..]);
+            let fitting = pairs
+                .iter()
+                .filter(|pair| fits(pair.reference) && fits(pair.source));
+            findings.extend(images::check(scene, &fitting.cloned().collect::<Vec<_>>()));
+            findings.extend(of_views);
+            let overall = median_difference.filter(|_| !single);
+            findings.extend(overall_finding(overall.unwrap_or(0.0)));
+        }
     }
     findings.extend(convention);
     findings.extend(listed::judge(scene, &judged));

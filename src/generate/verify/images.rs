@@ -70,9 +70,9 @@ pub(super) fn is_peak(
     Some(others.fold(f64::NEG_INFINITY, f64::max) <= own)
 }
 
-/// A fault where all images show something else, else one for each view whose image alone does; those
-/// `known` not to fit by their depth are left out.
-pub(super) fn check(scene: &Scene, pairs: &[PairCheck], known: &[Finding]) -> Vec<Finding> {
+/// A fault where all images show something else, else one for each view whose image alone does. The `pairs`
+/// are those of views that fit by their depth: others say nothing of images.
+pub(super) fn check(scene: &Scene, pairs: &[PairCheck]) -> Vec<Finding> {
     let all = pairs.iter().filter_map(|pair| pair.color_correlation);
     let Some(overall) = median(all.collect()) else {
         return Vec::new();
@@ -109,8 +109,7 @@ pub(super) fn check(scene: &Scene, pairs: &[PairCheck], known: &[Finding]) -> Ve
              {found:.2} at the same points of the surface, {overall:.2} in the scene (medians over \
              pairs): it is that of another view, turned or mirrored"
         );
-        let known = known.iter().any(|finding| finding.place == place);
-        (!known).then(|| Finding::fault("image-does-not-match", place, message))
+        Some(Finding::fault("image-does-not-match", place, message))
     };
     let ids = scene.views().iter().map(|view| view.id);
     ids.filter_map(finding).collect()
@@ -180,7 +179,7 @@ mod tests {
         let scene = Scene::new(Vec::new()).unwrap();
         let of = |peaks: usize| {
             let pairs: Vec<PairCheck> = (0..10).map(|nth| pair(nth < peaks)).collect();
-            check(&scene, &pairs, &[])
+            check(&scene, &pairs)
         };
         assert!(of(5).is_empty());
         let found = of(4);

@@ -2,13 +2,16 @@
 //! whether images, depths and cameras say the same.
 
 mod carry;
+mod encoded;
 mod geometry;
 mod images;
 mod listed;
+mod pair_rules;
 mod pictures;
 mod reading;
 mod rules;
 mod single;
+mod twice;
 
 pub use geometry::PairCheck;
 pub use reading::Reading;
@@ -107,6 +110,15 @@ impl Verification {
         self.findings.iter().any(|finding| finding.code == code)
     }
 
+    /// How well views agree, in words: what is wrong with all of them alike may show in nothing else.
+    pub fn agreement(&self) -> Option<String> {
+        let depths = self.median_difference?;
+        let colors = self.median_color_difference?;
+        Some(format!(
+            "depths agree to {depths:.1e}, colours to {colors:.1} grey levels (medians over pairs of views)"
+        ))
+    }
+
     /// Whether there is any fault.
     pub fn failed(&self) -> bool {
         let fault = |finding: &Finding| finding.severity == Severity::Fault;
@@ -142,6 +154,7 @@ pub fn verify(
     match folder.read_scene(options.pixel_centre) {
         Ok(scene) => {
             verification.views = scene.views().len();
+            findings.extend(twice::check(&scene));
             findings.extend(pictures::check_views(folder, &scene, progress)?);
             let checked = geometry::check(folder, &scene, options, progress)?;
             findings.extend(checked.findings);
@@ -149,7 +162,12 @@ pub fn verify(
             verification.median_color_difference = checked.median_color_difference;
             verification.pairs = checked.pairs;
         }
-        Err(error) => findings.push(Finding::fault("unreadable", "cams", error.to_string())),
+        Err(error) => {
+            let message = format!(
+                "{error}; images, depths and their agreement were not checked: mend this first"
+            );
+            findings.push(Finding::fault("unreadable", place(folder, &error), message));
+        }
     }
     findings.sort();
     findings.dedup();
@@ -157,10 +175,27 @@ pub fn verify(
     Ok(verification)
 }
 
+/// The file that an error names, seen from the scene's folder, else `cams`.
+fn place(folder: &BlendedFolder, error: &mvs_datasets::Error) -> String {
+    use mvs_datasets::Error::{Format, Io, Layout};
+    let named = match error {
+        Io { path, .. } | Format { path, .. } | Layout { path, .. } => Some(path),
+        _ => None,
+    };
+    let inside = named.and_then(|path| path.strip_prefix(folder.path()).ok());
+    inside.map_or("cams".to_owned(), |path| path.display().to_string())
+}
+
 /// The middle one of the values; of two the upper.
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
+}
+
+/// The value that a quarter of the others lie below.
+fn quarter(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 4).copied()
 }
 
 #[cfg(test)]

@@ -15,6 +15,8 @@ pub enum Reading {
     IntegerCentre,
     /// The intrinsics were moved by half a pixel once too often.
     DoubleHalf,
+    /// The principal points lie so many pixels too far to the right and below.
+    MovedCentre(f64),
     /// The extrinsics are camera-to-world.
     CameraToWorld,
     /// World-to-camera with +Y up and +Z backward.
@@ -39,6 +41,7 @@ impl Reading {
             Self::CameraToWorldOpenGl,
             Self::RangeDepth,
         ];
+        all.extend(MOVES.map(Self::MovedCentre));
         all.extend(SCALES.map(Self::ScaledIntrinsics));
         all
     }
@@ -48,6 +51,7 @@ impl Reading {
         match self {
             Self::AsIs => "as-is",
             Self::IntegerCentre | Self::DoubleHalf => "half-pixel",
+            Self::MovedCentre(_) => "moved-principal-point",
             Self::CameraToWorld => "swapped-pose",
             Self::OpenGl => "opengl-axes",
             Self::CameraToWorldOpenGl => "swapped-opengl-pose",
@@ -65,6 +69,15 @@ impl Reading {
                 .to_owned(),
             Self::DoubleHalf => {
                 "the principal points are half a pixel too large: subtract 0.5".to_owned()
+            }
+            Self::MovedCentre(by) => {
+                let (too, mend) = if by > 0.0 {
+                    ("large", "subtract")
+                } else {
+                    ("small", "add")
+                };
+                let by = by.abs();
+                format!("the principal points are about {by} px too {too}: {mend} {by}")
             }
             Self::CameraToWorld => "the extrinsics are camera-to-world: invert them".to_owned(),
             Self::OpenGl => "the camera axes are +Y up, +Z backward: negate rows 2 and 3 of the \
@@ -102,6 +115,7 @@ impl Reading {
         let camera = match self {
             Self::IntegerCentre => moved(0.5)?,
             Self::DoubleHalf => moved(-0.5)?,
+            Self::MovedCentre(by) => moved(-by)?,
             Self::ScaledIntrinsics(scale) => scaled(scale)?,
             _ => *camera,
         };
@@ -131,6 +145,8 @@ impl Reading {
     }
 }
 
+/// Pixels by which a crop that is counted wrongly, or once too often, moves principal points.
+const MOVES: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
 /// Scales between image sizes that are in use: high and low resolution, halves, quarters.
 const SCALES: [f64; 8] = [0.25, 0.375, 0.5, 0.75, 4.0 / 3.0, 2.0, 8.0 / 3.0, 4.0];
 

@@ -2,24 +2,30 @@
 
 mod edits;
 mod letters;
+mod levels;
 
 use super::*;
 use edits::*;
 use glam::{DMat4, DVec2, DVec3};
 use letters::{CAMS, FILES, PAIRS};
-use mvs_datasets::format::pfm;
-use mvs_datasets::scene::Raster;
+use mvs_datasets::format::{image, pair, pfm};
+use mvs_datasets::scene::{Raster, SourceScore};
 use std::collections::BTreeSet;
 
 /// What is spoilt, how, and the code that must be found.
 type Mutation = (&'static str, fn(&Spoilt), &'static str);
 
 /// Conventions that all views share.
-const CONVENTIONS: [Mutation; 9] = [
+const CONVENTIONS: [Mutation; 10] = [
     (
         "pixel centres at whole numbers",
         |s| s.edit_cams(|cam| cam.intrinsic.z_axis -= DVec3::new(0.5, 0.5, 0.0)),
         "half-pixel",
+    ),
+    (
+        "a crop that starts one pixel off",
+        |s| s.edit_cams(|cam| cam.intrinsic.z_axis += DVec3::new(1.0, 1.0, 0.0)),
+        "moved-principal-point",
     ),
     // Text may round the last row.
     (
@@ -65,7 +71,7 @@ const CONVENTIONS: [Mutation; 9] = [
 ];
 
 /// Depths and images of single views, and pairs.
-const CONTENT: [Mutation; 21] = [
+const CONTENT: [Mutation; 27] = [
     ("not a number", |s| raw_depth(s, f32::NAN), "bad-depths"),
     ("negative", |s| raw_depth(s, -1.0), "bad-depths"),
     (
@@ -96,6 +102,24 @@ const CONTENT: [Mutation; 21] = [
         "missing-mask",
     ),
     ("black for the masked image", black_mask, "wrong-mask"),
+    (
+        "images to the right of the depths",
+        moved_images,
+        "mask-moved",
+    ),
+    (
+        "a black image",
+        |s| edit_images(s, 3..4, |pixels| pixels.fill([0; 3])),
+        "flat-image",
+    ),
+    ("an image of one channel", gray_image, "image-channels"),
+    ("an image of another format", gray_image, "image-is-png"),
+    (
+        "an image on its head by its note",
+        turned_by_note,
+        "image-orientation",
+    ),
+    ("a view again", view_again, "view-twice"),
     ("images of other views", other_images, "images-do-not-match"),
     (
         "images of the next view",
@@ -277,14 +301,17 @@ fn any_list_does_for_a_compact_array_of_cameras() {
 #[test]
 fn every_code_has_its_mutation() {
     let sources = [
+        include_str!("../encoded.rs"),
         include_str!("../geometry.rs"),
         include_str!("../images.rs"),
         include_str!("../listed.rs"),
         include_str!("../mod.rs"),
+        include_str!("../pair_rules.rs"),
         include_str!("../pictures.rs"),
         include_str!("../reading.rs"),
         include_str!("../rules.rs"),
         include_str!("../single.rs"),
+        include_str!("../twice.rs"),
     ];
     let tables = [&CAMS[..], &PAIRS, &FILES, &CONVENTIONS, &CONTENT];
     let mut tested: BTreeSet<&str> = tables.iter().copied().flatten().map(|m| m.2).collect();

@@ -112,7 +112,7 @@ pub(super) fn another_size(spoilt: &Spoilt) {
     folder.write_depth(3, &depth).unwrap();
 }
 
-/// A tenth of the background is bright.
+/// A tenth of the background is not as dark as it should be.
 pub(super) fn spotted(spoilt: &Spoilt) {
     let folder = spoilt.blended();
     let (depth, _) = folder.read_depth(3).unwrap();
@@ -120,7 +120,7 @@ pub(super) fn spotted(spoilt: &Spoilt) {
     let outside = depth.values().iter().filter(|&&z| z == 0.0).count();
     let pixels = image.values_mut().iter_mut().zip(depth.values());
     let background = pixels.filter(|(_, z)| **z == 0.0).take(outside / 10);
-    background.for_each(|(pixel, _)| *pixel = [200; 3]);
+    background.for_each(|(pixel, _)| *pixel = [30; 3]);
     BlendedFolder::write_jpeg(&folder.masked_image(3), &image, JpegOptions::default()).unwrap();
 }
 
@@ -169,4 +169,69 @@ pub(super) fn shuffled(spoilt: &Spoilt) {
         }
         lines.join("\n") + "\n"
     });
+}
+
+/// Only these views are left, and in the lists.
+pub(super) fn keep(spoilt: &Spoilt, kept: &[u32]) {
+    let folder = spoilt.blended();
+    let mut pairs = pair::read(&std::fs::read_to_string(folder.pairs()).unwrap()).unwrap();
+    pairs.retain(|entry| kept.contains(&entry.id));
+    for entry in &mut pairs {
+        let others = kept.iter().filter(|&&id| id != entry.id);
+        entry.sources = others.map(|&id| SourceScore { id, score: 1.0 }).collect();
+    }
+    files::write_atomically(&folder.pairs(), |out| pair::write(out, &pairs)).unwrap();
+    for id in (0..14).filter(|id| !kept.contains(id)) {
+        for path in [
+            folder.cam(id),
+            folder.depth(id),
+            folder.image(id),
+            folder.masked_image(id),
+        ] {
+            std::fs::remove_file(path).unwrap();
+        }
+    }
+}
+
+/// A view's camera turned to the side.
+pub(super) fn turn(spoilt: &Spoilt, id: u32, degrees: f64) {
+    let turned = DMat4::from_rotation_y(degrees.to_radians());
+    edit_cam(spoilt, id, |cam| cam.extrinsic = turned * cam.extrinsic);
+}
+
+/// All images some pixels to the right of where the depths are.
+pub(super) fn moved_images(spoilt: &Spoilt) {
+    edit_images(spoilt, 0..14, |pixels| pixels.rotate_right(5));
+}
+
+/// One view's image in grey, of one channel.
+pub(super) fn gray_image(spoilt: &Spoilt) {
+    let path = spoilt.blended().image(3);
+    let gray = files::read_image(&path).unwrap();
+    let values = gray.values().iter().map(|pixel| pixel[1]).collect();
+    let gray = Raster::from_values(128, 96, values).unwrap();
+    files::write_atomically(&path, |out| image::write_gray_png(out, &gray)).unwrap();
+}
+
+/// One view's image with a note that it lies on its head.
+pub(super) fn turned_by_note(spoilt: &Spoilt) {
+    let path = spoilt.blended().image(3);
+    let bytes = std::fs::read(&path).unwrap();
+    let note = b"\xff\xe1\x00\x22Exif\0\0II\x2a\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0";
+    write(&path, &[&bytes[..2], note, &bytes[2..]].concat());
+}
+
+/// One view's files are those of another.
+pub(super) fn view_again(spoilt: &Spoilt) {
+    let folder = spoilt.blended();
+    for of in [
+        BlendedFolder::cam,
+        BlendedFolder::depth,
+        BlendedFolder::image,
+    ] {
+        std::fs::copy(of(&folder, 9), of(&folder, 8))
+            .map(drop)
+            .unwrap();
+    }
+    std::fs::copy(folder.masked_image(9), folder.masked_image(8)).unwrap();
 }

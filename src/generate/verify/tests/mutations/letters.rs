@@ -37,7 +37,7 @@ pub(super) const CAMS: [Mutation; 6] = [
 ];
 
 /// What `pair.txt` says, by letter.
-pub(super) const PAIRS: [Mutation; 15] = [
+pub(super) const PAIRS: [Mutation; 16] = [
     (
         "blank line",
         |s| s.edit(PAIR, |t| format!("{t}\n")),
@@ -65,6 +65,11 @@ pub(super) const PAIRS: [Mutation; 15] = [
         "source-count",
     ),
     ("itself", |s| sources(s, "2 0 5 1 4"), "source-is-itself"),
+    (
+        "a source again",
+        |s| sources(s, "3 1 5 2 4 1 3"),
+        "source-twice",
+    ),
     ("zero score", |s| sources(s, "2 1 5 2 0"), "score-zero"),
     ("rising", |s| sources(s, "2 1 5 2 6"), "score-order"),
     (
