@@ -7,7 +7,7 @@
 
 use super::bent::Bent;
 use super::doubts::Doubt;
-use super::lanes::{ALL, LANES, Lanes, SetBits};
+use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch};
 use super::raster::{Brush, between, spot, spread};
 use super::tile::Spot;
 
@@ -77,42 +77,7 @@ impl Stored {
             }
         }
         if unsettled != 0 {
-            self.doubt_samples(brush, (lane, triangle));
-        }
-    }
-
-    /// Has it decided later which samples see a triangle that has been drawn: those that may, unless what is there
-    /// shows it already or clearly hides it. Rounded otherwise than in the strokes, which the doubts allow for.
-    #[cold]
-    #[inline(never)]
-    fn doubt_samples(&self, brush: &mut Brush<'_>, (lane, triangle): (usize, u32)) {
-        let from = spot(self.columns[0][lane], self.rows[0][lane]);
-        let to = spot(self.columns[1][lane], self.rows[1][lane]);
-        let doubt = self.doubt[lane];
-        // Where strokes end: they reach beyond the last column.
-        let width = (to.column - from.column + 1).next_multiple_of(LANES);
-        let end = brush.tile.stride().min(from.column + width);
-        for row in from.row..=to.row {
-            for column in from.column..end {
-                let (right, down) = ((column - from.column) as f32, (row - from.row) as f32);
-                let at = [0, 1, 2].map(|edge| {
-                    let start = self.at[edge][lane] + self.along_y[edge][lane] * down;
-                    start + self.along_x[edge][lane] * right
-                });
-                let [first, second, third] = [0, 1, 2].map(|corner| self.nearness[corner][lane]);
-                let nearness = at[2] * third + (at[1] * second + first);
-                let least = at[0].min(at[1]).min(at[2]);
-                let index = brush.tile.index(Spot { column, row });
-                let shown = brush.tile.shows(index, triangle);
-                if !shown && least >= -doubt && !brush.tile.surely_hides(index, nearness) {
-                    brush.doubt(Doubt {
-                        index,
-                        triangle,
-                        nearness,
-                        met: least > doubt,
-                    });
-                }
-            }
+            doubt_samples(self, brush, (lane, triangle));
         }
     }
 
@@ -183,6 +148,46 @@ impl Stored {
             at[edge] = l.mul_add(l.splat(along), right, start);
         }
         at
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn doubt_samples(triangles: &Stored, brush: &mut Brush<'_>, which: (usize, u32)) {
+    dispatch(Hesitate(triangles, brush, which));
+}
+
+/// Has it decided later which samples see a triangle that has been drawn: those that may, unless what is there
+/// shows it already or clearly hides it. Rounded otherwise than in the strokes, which the doubts allow for.
+struct Hesitate<'s, 'b>(&'s Stored, &'s mut Brush<'b>, (usize, u32));
+
+impl Task for Hesitate<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self(triangles, brush, (lane, triangle)) = self;
+        let from = spot(triangles.columns[0][lane], triangles.rows[0][lane]);
+        let to = spot(triangles.columns[1][lane], triangles.rows[1][lane]);
+        let pen = Pen::of(l, triangles, lane);
+        for row in from.row..=to.row {
+            // Strokes reach beyond the last column.
+            for first in (from.column..=to.column).step_by(LANES) {
+                let at = triangles.edges(l, lane, (places(l, None, (first, row)), from));
+                let (near, (inside, beside)) = pen.judge(l, at);
+                let index = brush.tile.index(Spot { column: first, row });
+                let open = brush.tile.canvas().open(l, index, (triangle, near));
+                let (near, inside) = (l.store(near), l.bits(inside));
+                for lane in SetBits(open & !l.bits(beside)) {
+                    brush.doubt(Doubt {
+                        index: index + lane,
+                        triangle,
+                        nearness: near[lane],
+                        met: inside >> lane & 1 == 1,
+                    });
+                }
+            }
+        }
     }
 }
 

@@ -213,11 +213,6 @@ impl Tile {
         nearness < self.nearness[index] * (1.0 - 2.0 * DOUBT)
     }
 
-    /// Whether a triangle is what a sample sees.
-    pub(crate) fn shows(&self, index: usize, triangle: u32) -> bool {
-        self.triangles[index] == triangle
-    }
-
     /// What is drawn on, many samples at a time.
     #[inline(always)]
     pub(crate) fn canvas(&mut self) -> Canvas<'_> {
@@ -284,6 +279,24 @@ impl Canvas<'_> {
         *there = l.store(l.choose(wins, nearness, old));
         *triangles = l.overwrite(wins, triangle, triangles);
         !l.bits(l.or(l.or(beside, hidden), wins)) & ALL
+    }
+
+    /// The samples side by side from `index` on that neither show a triangle already nor clearly hide it.
+    #[inline(always)]
+    pub(crate) fn open<L: Lanes>(
+        &self,
+        l: L,
+        index: usize,
+        (triangle, nearness): (u32, L::V),
+    ) -> u32 {
+        let (Some(there), Some(shown)) = (
+            self.nearness[index..].first_chunk(),
+            self.triangles[index..].first_chunk(),
+        ) else {
+            return 0;
+        };
+        let bar = l.mul(l.load(there), l.splat(1.0 - 2.0 * DOUBT));
+        l.differ(shown, &[triangle; LANES]) & !l.less(nearness, bar)
     }
 }
 
