@@ -46,24 +46,24 @@ impl Stored {
             start[edge] = l.mul_add(along, steps, l.splat(self.at[edge][lane]));
             down[edge] = l.splat(self.along_y[edge][lane]);
         }
-        let stride = brush.tile.stride();
-        let mut canvas = brush.tile.canvas();
-        let mut unsettled = 0;
+        let rows = to.row - from.row + 1;
+        let mut settled = l.below(l.splat(0.0), one);
         // Most are no wider than one stroke.
         let mut first = from.column;
         loop {
             let mut y = l.splat(0.0);
-            let mut index = from.row * stride + first;
-            let last = to.row * stride + first;
-            while index <= last {
+            let index = brush.tile.index(Spot {
+                column: first,
+                row: from.row,
+            });
+            for samples in brush.tile.canvas().rows(index, rows) {
                 let mut at = start;
                 for edge in 0..3 {
                     at[edge] = l.mul_add(down[edge], y, start[edge]);
                 }
                 y = l.add(y, one);
                 let (near, known) = pen.judge(l, at);
-                unsettled |= canvas.try_offer(l, index, (triangle, near), known);
-                index += stride;
+                settled = l.and(settled, samples.try_offer(l, (triangle, near), known));
             }
             first += LANES;
             if first > to.column {
@@ -76,7 +76,7 @@ impl Stored {
                 start[edge] = l.mul_add(along, steps, corner);
             }
         }
-        if unsettled != 0 {
+        if l.bits(settled) != ALL {
             doubt_samples(self, brush, (lane, triangle));
         }
     }
@@ -176,7 +176,10 @@ impl Task for Hesitate<'_, '_> {
                 let at = triangles.edges(l, lane, (places(l, None, (first, row)), from));
                 let (near, (inside, beside)) = pen.judge(l, at);
                 let index = brush.tile.index(Spot { column: first, row });
-                let open = brush.tile.canvas().open(l, index, (triangle, near));
+                let Some(samples) = brush.tile.canvas().at(index) else {
+                    continue;
+                };
+                let open = samples.open(l, (triangle, near));
                 let (near, inside) = (l.store(near), l.bits(inside));
                 for lane in SetBits(open & !l.bits(beside)) {
                     brush.doubt(Doubt {
@@ -260,14 +263,13 @@ fn offer_lanes<L: Lanes>(
     (index, triangle, near): (usize, u32, L::V),
     (inside, beside): (L::M, L::M),
 ) {
-    let offer = (triangle, near);
-    let unsettled = brush
-        .tile
-        .canvas()
-        .try_offer(l, index, offer, (inside, beside));
-    if unsettled != 0 {
+    let Some(samples) = brush.tile.canvas().at(index) else {
+        return;
+    };
+    let settled = l.bits(samples.try_offer(l, (triangle, near), (inside, beside)));
+    if settled != ALL {
         let (near, inside) = (l.store(near), l.bits(inside));
-        for lane in SetBits(unsettled) {
+        for lane in SetBits(!settled & ALL) {
             brush.doubt(Doubt {
                 index: index + lane,
                 triangle,

@@ -52,7 +52,8 @@ impl Tile {
     /// A tile of which `width` × `height` samples are used.
     pub(crate) fn new(width: usize, height: usize) -> Self {
         let stride = if width > SIZE { SIDE + LANES } else { STRIDE };
-        let words = stride * height.next_multiple_of(BLOCK);
+        // One row more: from any sample of a used row on there is a whole one.
+        let words = stride * (height.next_multiple_of(BLOCK) + 1);
         let mut nearness = vec![0.0; words];
         for (index, row) in nearness.chunks_exact_mut(stride).enumerate() {
             let used = if index < height { width } else { 0 };
@@ -219,6 +220,7 @@ impl Tile {
         Canvas {
             nearness: &mut self.nearness,
             triangles: &mut self.triangles,
+            stride: self.stride,
         }
     }
 
@@ -254,49 +256,63 @@ impl Tile {
 pub(crate) struct Canvas<'t> {
     nearness: &'t mut [f32],
     triangles: &'t mut [u32],
+    stride: usize,
 }
 
-impl Canvas<'_> {
-    /// Offers a triangle to samples side by side from `index` on: in the lanes of `inside` it is
-    /// seen, in those of `beside` it is not. Returns the lanes that nothing was decided for.
+impl<'t> Canvas<'t> {
+    /// Samples side by side from `index` on, and those below them: as many rows as are asked for.
     #[inline(always)]
-    pub(crate) fn try_offer<L: Lanes>(
-        &mut self,
-        l: L,
-        index: usize,
-        (triangle, nearness): (u32, L::V),
-        (inside, beside): (L::M, L::M),
-    ) -> u32 {
-        let (Some(there), Some(triangles)) = (
-            self.nearness[index..].first_chunk_mut::<LANES>(),
-            self.triangles[index..].first_chunk_mut::<LANES>(),
-        ) else {
-            return 0;
-        };
-        let old = l.load(there);
-        let wins = l.and(inside, l.below(l.mul(old, l.splat(1.0 + DOUBT)), nearness));
-        let hidden = l.below(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
-        *there = l.store(l.choose(wins, nearness, old));
-        *triangles = l.overwrite(wins, triangle, triangles);
-        !l.bits(l.or(l.or(beside, hidden), wins)) & ALL
+    pub(crate) fn rows(self, index: usize, count: usize) -> impl Iterator<Item = Samples<'t>> {
+        let nearness = self.nearness[index..].chunks_exact_mut(self.stride);
+        let triangles = self.triangles[index..].chunks_exact_mut(self.stride);
+        let rows = nearness.zip(triangles).take(count);
+        rows.filter_map(|(nearness, triangles)| {
+            Some(Samples {
+                nearness: nearness.first_chunk_mut()?,
+                triangles: triangles.first_chunk_mut()?,
+            })
+        })
     }
 
-    /// The samples side by side from `index` on that neither show a triangle already nor clearly hide it.
+    /// Samples side by side from `index` on.
     #[inline(always)]
-    pub(crate) fn open<L: Lanes>(
-        &self,
+    pub(crate) fn at(self, index: usize) -> Option<Samples<'t>> {
+        Some(Samples {
+            nearness: self.nearness[index..].first_chunk_mut()?,
+            triangles: self.triangles[index..].first_chunk_mut()?,
+        })
+    }
+}
+
+/// Samples side by side.
+pub(crate) struct Samples<'t> {
+    nearness: &'t mut [f32; LANES],
+    triangles: &'t mut [u32; LANES],
+}
+
+impl Samples<'_> {
+    /// Offers a triangle: in the lanes of `inside` it is seen, in those of `beside` it is not. Returns the lanes
+    /// that something was decided for.
+    #[inline(always)]
+    pub(crate) fn try_offer<L: Lanes>(
+        self,
         l: L,
-        index: usize,
         (triangle, nearness): (u32, L::V),
-    ) -> u32 {
-        let (Some(there), Some(shown)) = (
-            self.nearness[index..].first_chunk(),
-            self.triangles[index..].first_chunk(),
-        ) else {
-            return 0;
-        };
-        let bar = l.mul(l.load(there), l.splat(1.0 - 2.0 * DOUBT));
-        l.differ(shown, &[triangle; LANES]) & !l.less(nearness, bar)
+        (inside, beside): (L::M, L::M),
+    ) -> L::M {
+        let old = l.load(self.nearness);
+        let wins = l.and(inside, l.below(l.mul(old, l.splat(1.0 + DOUBT)), nearness));
+        let hidden = l.below(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
+        *self.nearness = l.store(l.choose(wins, nearness, old));
+        *self.triangles = l.overwrite(wins, triangle, self.triangles);
+        l.or(l.or(beside, hidden), wins)
+    }
+
+    /// The lanes that neither show a triangle already nor clearly hide it.
+    #[inline(always)]
+    pub(crate) fn open<L: Lanes>(&self, l: L, (triangle, nearness): (u32, L::V)) -> u32 {
+        let bar = l.mul(l.load(self.nearness), l.splat(1.0 - 2.0 * DOUBT));
+        l.differ(self.triangles, &[triangle; LANES]) & !l.less(nearness, bar)
     }
 }
 
