@@ -46,17 +46,18 @@ impl Stored {
             start[edge] = l.mul_add(along, steps, l.splat(self.at[edge][lane]));
             down[edge] = l.splat(self.along_y[edge][lane]);
         }
-        let rows = to.row - from.row + 1;
+        let stride = brush.tile.stride();
         let mut settled = l.below(l.splat(0.0), one);
         // Most are no wider than one stroke.
         let mut first = from.column;
         loop {
             let mut y = l.splat(0.0);
-            let index = brush.tile.index(Spot {
-                column: first,
-                row: from.row,
-            });
-            for samples in brush.tile.canvas().rows(index, rows) {
+            let index = from.row * stride + first;
+            let end = to.row * stride + first + LANES;
+            let mut canvas = brush.tile.canvas().cut(index..end);
+            let mut row = 0;
+            while let Some(samples) = canvas.at(row) {
+                row += stride;
                 let mut at = start;
                 for edge in 0..3 {
                     at[edge] = l.mul_add(down[edge], y, start[edge]);
@@ -176,7 +177,8 @@ impl Task for Hesitate<'_, '_> {
                 let at = triangles.edges(l, lane, (places(l, None, (first, row)), from));
                 let (near, (inside, beside)) = pen.judge(l, at);
                 let index = brush.tile.index(Spot { column: first, row });
-                let Some(samples) = brush.tile.canvas().at(index) else {
+                let mut canvas = brush.tile.canvas();
+                let Some(samples) = canvas.at(index) else {
                     continue;
                 };
                 let open = samples.open(l, (triangle, near));
@@ -263,7 +265,8 @@ fn offer_lanes<L: Lanes>(
     (index, triangle, near): (usize, u32, L::V),
     (inside, beside): (L::M, L::M),
 ) {
-    let Some(samples) = brush.tile.canvas().at(index) else {
+    let mut canvas = brush.tile.canvas();
+    let Some(samples) = canvas.at(index) else {
         return;
     };
     let settled = l.bits(samples.try_offer(l, (triangle, near), (inside, beside)));

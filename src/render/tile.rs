@@ -3,6 +3,7 @@
 use super::Visible;
 use super::lanes::{ALL, LANES, Lanes};
 use std::hint::select_unpredictable;
+use std::ops::Range;
 
 /// Most samples along each side: of smaller tiles, each cluster would lie in more.
 pub(crate) const SIDE: usize = 2 * SIZE;
@@ -52,8 +53,7 @@ impl Tile {
     /// A tile of which `width` × `height` samples are used.
     pub(crate) fn new(width: usize, height: usize) -> Self {
         let stride = if width > SIZE { SIDE + LANES } else { STRIDE };
-        // One row more: from any sample of a used row on there is a whole one.
-        let words = stride * (height.next_multiple_of(BLOCK) + 1);
+        let words = stride * height.next_multiple_of(BLOCK);
         let mut nearness = vec![0.0; words];
         for (index, row) in nearness.chunks_exact_mut(stride).enumerate() {
             let used = if index < height { width } else { 0 };
@@ -220,7 +220,6 @@ impl Tile {
         Canvas {
             nearness: &mut self.nearness,
             triangles: &mut self.triangles,
-            stride: self.stride,
         }
     }
 
@@ -256,30 +255,25 @@ impl Tile {
 pub(crate) struct Canvas<'t> {
     nearness: &'t mut [f32],
     triangles: &'t mut [u32],
-    stride: usize,
 }
 
-impl<'t> Canvas<'t> {
-    /// Samples side by side from `index` on, and those below them: as many rows as are asked for.
+impl Canvas<'_> {
+    /// What lies between two places.
     #[inline(always)]
-    pub(crate) fn rows(self, index: usize, count: usize) -> impl Iterator<Item = Samples<'t>> {
-        let nearness = self.nearness[index..].chunks_exact_mut(self.stride);
-        let triangles = self.triangles[index..].chunks_exact_mut(self.stride);
-        let rows = nearness.zip(triangles).take(count);
-        rows.filter_map(|(nearness, triangles)| {
-            Some(Samples {
-                nearness: nearness.first_chunk_mut()?,
-                triangles: triangles.first_chunk_mut()?,
-            })
-        })
+    pub(crate) fn cut(self, range: Range<usize>) -> Self {
+        Self {
+            nearness: &mut self.nearness[range.clone()],
+            triangles: &mut self.triangles[range],
+        }
     }
 
-    /// Samples side by side from `index` on.
+    /// Samples side by side from a place on, unless the canvas ends before.
     #[inline(always)]
-    pub(crate) fn at(self, index: usize) -> Option<Samples<'t>> {
+    pub(crate) fn at(&mut self, index: usize) -> Option<Samples<'_>> {
+        let lanes = index..index + LANES;
         Some(Samples {
-            nearness: self.nearness[index..].first_chunk_mut()?,
-            triangles: self.triangles[index..].first_chunk_mut()?,
+            nearness: self.nearness.get_mut(lanes.clone())?.first_chunk_mut()?,
+            triangles: self.triangles.get_mut(lanes)?.first_chunk_mut()?,
         })
     }
 }
