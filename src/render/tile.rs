@@ -1,7 +1,7 @@
 //! A square of samples with what is nearest at each, and how far the farthest of each block is.
 
 use super::Visible;
-use super::lanes::{ALL, LANES, Lanes};
+use super::lanes::{LANES, Lanes};
 use std::hint::select_unpredictable;
 use std::ops::Range;
 
