@@ -16,7 +16,7 @@ use super::eye::Eye;
 use super::lanes::{LANES, Lanes, Task, dispatch};
 use super::lens::Place;
 use super::pages::{Maps, Row, Waiting};
-use super::planes::{Fresh, Pending, Plane, Stand, Window};
+use super::planes::{Fresh, Pending, Plane, Window};
 use super::row::{Cross, Line, starts};
 use super::scan::scan;
 use super::surface::Frame;
@@ -199,7 +199,6 @@ impl Resolver {
             resolver: self,
             place,
             window: &window,
-            stand: &Stand::of(&place.eye.frame),
             tile,
             part,
             put,
@@ -213,7 +212,6 @@ pub(super) struct Sheet<'s, P> {
     /// Of the part.
     pub(super) place: &'s Place<'s>,
     pub(super) window: &'s Window,
-    pub(super) stand: &'s Stand,
     tile: &'s Tile,
     pub(super) part: &'s Part,
     /// As for [`Resolver::resolve`].
@@ -340,7 +338,7 @@ impl<'s, P: FnMut(&mut Line, usize)> Sheet<'s, P> {
         for pending in pending[..*waiting].chunks(SIZE) {
             fresh.load(l, frame, pending);
             let end = pending.len().next_multiple_of(LANES);
-            fresh.set_up((self.stand, self.window), (0, end));
+            fresh.set_up(self.window, (0, end));
             fresh.put(l, (planes, *set_up));
             *set_up += pending.len();
         }

@@ -71,7 +71,6 @@ impl Pending {
 pub(crate) struct Fresh {
     /// Where a pixel sees each: x and y of its direction.
     pub(crate) spots: [[f64; SIZE]; 2],
-    /// In the world.
     corners: [[f64; SIZE]; 9],
     at: [[f64; SIZE]; 4],
     along: [[[f64; SIZE]; 3]; 2],
@@ -109,7 +108,8 @@ impl Fresh {
         self.load_corners(l, frame, (0, self.count.next_multiple_of(LANES)), vertices);
     }
 
-    /// Takes over corners, by their vertices, from one triangle up to another, four by four.
+    /// Takes over corners, by their vertices, from one triangle up to another, four by four, as [`Frame::facet`] has
+    /// them.
     #[inline(always)]
     pub(crate) fn load_corners<L: Lanes>(
         &mut self,
@@ -119,6 +119,16 @@ impl Fresh {
         corners_of: impl Fn(usize) -> [u32; 3],
     ) {
         let vertices = frame.mesh().vertices();
+        let (rotation, center) = (frame.rotation().to_cols_array(), frame.center_in_cam());
+        let (mut middle, mut axes) = ([l.splat_f64(0.0); 3], [l.splat_f64(0.0); 9]);
+        let mut origin = middle;
+        for k in 0..3 {
+            middle[k] = l.splat_f64(frame.center()[k]);
+            origin[k] = l.splat_f64(center[k]);
+        }
+        for k in 0..9 {
+            axes[k] = l.splat_f64(rotation[k]);
+        }
         for from in (first..end).step_by(FOUR) {
             let from = from.min(SIZE - FOUR);
             let mut four = [[0; 3]; FOUR];
@@ -127,10 +137,15 @@ impl Fresh {
             }
             for corner in 0..3 {
                 let at = |k: usize| &vertices[four[k][corner] as usize];
-                let points = l.points([at(0), at(1), at(2), at(3)]);
-                for (axis, values) in points.into_iter().enumerate() {
-                    self.corners[3 * corner + axis][from..][..FOUR]
-                        .copy_from_slice(&l.store_f64(values));
+                let [x, y, z] = l.points([at(0), at(1), at(2), at(3)]);
+                let x = l.sub_f64(x, middle[0]);
+                let y = l.sub_f64(y, middle[1]);
+                let z = l.sub_f64(z, middle[2]);
+                for k in 0..3 {
+                    let sum = l.add_f64(l.mul_f64(axes[k], x), l.mul_f64(axes[3 + k], y));
+                    let turned = l.add_f64(sum, l.mul_f64(axes[6 + k], z));
+                    self.corners[3 * corner + k][from..][..FOUR]
+                        .copy_from_slice(&l.store_f64(l.add_f64(turned, origin[k])));
                 }
             }
         }
@@ -146,13 +161,8 @@ impl Fresh {
     /// From one place up to another: whole lanes, where there is nothing beyond the last triangle that anybody looks
     /// at.
     #[inline(always)]
-    pub(crate) fn set_up(
-        &mut self,
-        (stand, window): (&Stand, &Window),
-        (first, end): (usize, usize),
-    ) {
-        // Copies, which nothing that is written may change: else nothing is done side by side.
-        let (stand, end) = (*stand, end.min(SIZE));
+    pub(crate) fn set_up(&mut self, window: &Window, (first, end): (usize, usize)) {
+        let end = end.min(SIZE);
         let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
         let [vs, ws, ts, doubts] = &mut self.at;
         let [[vx, wx, tx], [vy, wy, ty]] = &mut self.along;
@@ -160,9 +170,9 @@ impl Fresh {
         for i in first..end {
             let spot = [self.spots[0][i], self.spots[1][i]];
             let corners = [
-                stand.turned(ax[i], ay[i], az[i]),
-                stand.turned(bx[i], by[i], bz[i]),
-                stand.turned(cx[i], cy[i], cz[i]),
+                [ax[i], ay[i], az[i]],
+                [bx[i], by[i], bz[i]],
+                [cx[i], cy[i], cz[i]],
             ];
             let glimpse = Glimpse::new(corners, spot, window.reach);
             let ([v, w, t], normal) = (glimpse.functions, glimpse.normal);
@@ -200,9 +210,8 @@ impl Fresh {
     /// Works out depth, weights and normals where the triangles are seen: depth = t · depth / t. The doubt is that of
     /// [`Self::set_up`] for a window of no width, times the depth.
     #[inline(always)]
-    pub(crate) fn see(&mut self, (stand, reach): (&Stand, f64), (first, end): (usize, usize)) {
-        // Copies, which nothing that is written may change: else nothing is done side by side.
-        let (stand, end) = (*stand, end.min(SIZE));
+    pub(crate) fn see(&mut self, reach: f64, (first, end): (usize, usize)) {
+        let end = end.min(SIZE);
         let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
         let [low, high] = &mut self.depths;
         let [vs, ws] = &mut self.weights;
@@ -210,9 +219,9 @@ impl Fresh {
         for i in first..end {
             let spot = [self.spots[0][i], self.spots[1][i]];
             let corners = [
-                stand.turned(ax[i], ay[i], az[i]),
-                stand.turned(bx[i], by[i], bz[i]),
-                stand.turned(cx[i], cy[i], cz[i]),
+                [ax[i], ay[i], az[i]],
+                [bx[i], by[i], bz[i]],
+                [cx[i], cy[i], cz[i]],
             ];
             let glimpse = Glimpse::new(corners, spot, reach);
             let [v, w, t] = glimpse.functions;
@@ -292,38 +301,6 @@ impl Fresh {
                 four[k].normal = l.round(normals[k]);
             }
         }
-    }
-}
-
-/// From where triangles are seen.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Stand {
-    /// By columns.
-    rotation: [f64; 9],
-    /// What corners are counted from, in the world and in the camera frame.
-    center: [f64; 3],
-    center_in_cam: [f64; 3],
-}
-
-impl Stand {
-    pub(crate) fn of(frame: &Frame<'_>) -> Self {
-        Self {
-            rotation: frame.rotation().to_cols_array(),
-            center: frame.center().to_array(),
-            center_in_cam: frame.center_in_cam().to_array(),
-        }
-    }
-
-    /// A corner, as [`Frame::facet`] has it.
-    #[inline(always)]
-    fn turned(&self, x: f64, y: f64, z: f64) -> [f64; 3] {
-        let (r, from, to) = (&self.rotation, &self.center, &self.center_in_cam);
-        let (x, y, z) = (x - from[0], y - from[1], z - from[2]);
-        [
-            r[0] * x + r[3] * y + r[6] * z + to[0],
-            r[1] * x + r[4] * y + r[7] * z + to[1],
-            r[2] * x + r[5] * y + r[8] * z + to[2],
-        ]
     }
 }
 
