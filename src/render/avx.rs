@@ -336,6 +336,35 @@ impl<W: Wide> Lanes for W {
     }
 
     #[inline(always)]
+    fn pairs(self, a: f32x8, b: f32x8) -> [[f32; 2]; LANES] {
+        let wide = self.v3().avx;
+        let low = wide._mm256_unpacklo_ps(cast(a), cast(b));
+        let high = wide._mm256_unpackhi_ps(cast(a), cast(b));
+        cast([
+            wide._mm256_permute2f128_ps::<0x20>(low, high),
+            wide._mm256_permute2f128_ps::<0x31>(low, high),
+        ])
+    }
+
+    /// Three being odd, each of the three has its numbers in other lanes of what comes out: once they are moved
+    /// there, lanes are only chosen.
+    #[inline(always)]
+    fn triples(self, a: f32x8, b: f32x8, c: f32x8) -> [[f32; 3]; LANES] {
+        let (avx, avx2) = (self.v3().avx, self.v3().avx2);
+        let a = avx2._mm256_permutevar8x32_ps(cast(a), cast(u32x8(0, 3, 6, 1, 4, 7, 2, 5)));
+        let b = avx2._mm256_permutevar8x32_ps(cast(b), cast(u32x8(5, 0, 3, 6, 1, 4, 7, 2)));
+        let c = avx2._mm256_permutevar8x32_ps(cast(c), cast(u32x8(2, 5, 0, 3, 6, 1, 4, 7)));
+        let first = avx._mm256_blend_ps::<0b1001_0010>(a, b);
+        let second = avx._mm256_blend_ps::<0b0010_0100>(a, b);
+        let third = avx._mm256_blend_ps::<0b0100_1001>(a, b);
+        cast([
+            avx._mm256_blend_ps::<0b0010_0100>(first, c),
+            avx._mm256_blend_ps::<0b0100_1001>(second, c),
+            avx._mm256_blend_ps::<0b1001_0010>(third, c),
+        ])
+    }
+
+    #[inline(always)]
     fn least(self, values: f32x8) -> f32 {
         let wide = self.v3();
         let turned = wide

@@ -87,12 +87,12 @@ impl<P: FnMut(&mut Line, usize)> Sheet<'_, P> {
             fresh.load_corners(l, frame, (first, first + LANES), |index| vertices[index]);
             // What was stored by halves is not read as a whole at once.
             if let Some(before) = first.checked_sub(LANES) {
-                fresh.set_up::<false>(self.window, (before, first));
+                fresh.see(self.window.reach, (before, first));
             }
         }
         let ids = self.ids(row);
         let fresh = &mut self.resolver.fresh;
-        fresh.set_up::<false>(self.window, (SIZE - LANES, SIZE));
+        fresh.see(self.window.reach, (SIZE - LANES, SIZE));
         line.triangles[WORDS..].copy_from_slice(ids);
         let doubtful = fresh.write(l, line);
         let mut seen = 0;

@@ -1,5 +1,7 @@
 //! Four f64 side by side. Nothing here is fused, so that every set of instructions gives the same bits.
 
+use glam::DVec3;
+
 /// Numbers side by side.
 pub(crate) const FOUR: usize = 4;
 
@@ -14,6 +16,8 @@ pub(crate) trait Doubles: Copy {
     fn sub_f64(self, a: Self::D, b: Self::D) -> Self::D;
     fn mul_f64(self, a: Self::D, b: Self::D) -> Self::D;
     fn div_f64(self, a: Self::D, b: Self::D) -> Self::D;
+    /// x, y and z of four points.
+    fn points(self, points: [&DVec3; FOUR]) -> [Self::D; 3];
     /// Rows become columns.
     fn transpose(self, rows: [Self::D; FOUR]) -> [Self::D; FOUR];
     /// The nearest f32.
@@ -61,6 +65,15 @@ impl Doubles for super::lanes::Plain {
     }
 
     #[inline(always)]
+    fn points(self, points: [&DVec3; FOUR]) -> [Self::D; 3] {
+        [
+            points.map(|p| p.x),
+            points.map(|p| p.y),
+            points.map(|p| p.z),
+        ]
+    }
+
+    #[inline(always)]
     fn transpose(self, rows: [Self::D; FOUR]) -> [Self::D; FOUR] {
         std::array::from_fn(|column| rows.map(|row| row[column]))
     }
@@ -82,6 +95,7 @@ impl Doubles for super::lanes::Plain {
 mod x86 {
     use super::super::avx::Wide;
     use super::{Doubles, FOUR};
+    use glam::DVec3;
     use pulp::{cast, f64x4};
 
     impl<W: Wide> Doubles for W {
@@ -120,6 +134,18 @@ mod x86 {
         #[inline(always)]
         fn div_f64(self, a: f64x4, b: f64x4) -> f64x4 {
             self.v3().div_f64x4(a, b)
+        }
+
+        #[inline(always)]
+        fn points(self, [a, b, c, d]: [&DVec3; FOUR]) -> [f64x4; 3] {
+            let avx = self.v3().avx;
+            let even = cast([[a.x, a.y], [c.x, c.y]]);
+            let odd = cast([[b.x, b.y], [d.x, d.y]]);
+            [
+                cast(avx._mm256_unpacklo_pd(even, odd)),
+                cast(avx._mm256_unpackhi_pd(even, odd)),
+                cast([a.z, b.z, c.z, d.z]),
+            ]
         }
 
         #[inline(always)]
@@ -171,10 +197,13 @@ mod tests {
             let quotients = [l.div_f64(a, d), l.splat_f64(0.1), l.load_f64(&self.0[3])];
             let all = [sums, quotients].concat();
             let columns = l.transpose([all[0], all[1], all[2], all[3]]);
+            let points = self.0.map(|[x, y, z, _]| DVec3::new(x, y, z));
+            let axes = l.points(points.each_ref());
             let pairs = l.round_pairs(all[4], all[5]);
             let pairs = [[pairs[0], pairs[1]], [pairs[2], pairs[3]]];
             let mut values: Vec<[f32; FOUR]> = columns.map(|v| l.round(v)).to_vec();
             values.extend(pairs.map(|[[p, q], [r, s]]| [p, q, r, s]));
+            values.extend(axes.map(|v| l.round(v)));
             values.iter().map(|v| v.map(f32::to_bits)).collect()
         }
     }
@@ -190,5 +219,7 @@ mod tests {
         assert_eq!(plain[2][0], sum.to_bits(), "the third column's first");
         assert_eq!(plain[4][0], 0.1f32.to_bits());
         assert_eq!(plain[4][1], (rows[3][0] as f32).to_bits());
+        let y = rows.map(|row| (row[1] as f32).to_bits());
+        assert_eq!(plain[7], y, "the second axis of all points");
     }
 }

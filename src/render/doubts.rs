@@ -1,5 +1,5 @@
 //! What f32 cannot decide, put off until a tile is drawn: much of it is hidden by then, and the triangles of
-//! the rest have been fetched meanwhile.
+//! the rest are fetched together.
 
 use super::surface::Frame;
 use crate::ahead::prefetch;
@@ -29,13 +29,13 @@ impl Doubts {
     /// Adds one; `true` where there is no room for another.
     #[cold]
     #[inline(never)]
-    pub(crate) fn put(&mut self, frame: &Frame<'_>, doubt: Doubt) -> bool {
-        prefetch(frame.mesh().triangles(), doubt.triangle as usize);
+    pub(crate) fn put(&mut self, doubt: Doubt) -> bool {
         self.waiting.push(doubt);
         self.waiting.len() >= MOST
     }
 
-    /// Takes those that are not `hidden`; their corners are asked for.
+    /// Takes those that are not `hidden`; their corners are asked for, now that most are known to be hidden: what
+    /// is asked for from all over a mesh costs a walk through the tables of pages.
     pub(crate) fn take(
         &mut self,
         frame: &Frame<'_>,
@@ -44,6 +44,9 @@ impl Doubts {
         let mesh = frame.mesh();
         let mut taken = std::mem::take(&mut self.waiting);
         taken.retain(|doubt| !hidden(doubt));
+        for doubt in &taken {
+            prefetch(mesh.triangles(), doubt.triangle as usize);
+        }
         for doubt in &taken {
             for vertex in mesh.triangles()[doubt.triangle as usize] {
                 prefetch(mesh.vertices(), vertex as usize);
@@ -78,12 +81,12 @@ mod tests {
             met: false,
         };
         for triangle in 0..256 {
-            assert_eq!(doubts.put(&frame, doubt(triangle)), triangle == 255);
+            assert_eq!(doubts.put(doubt(triangle)), triangle == 255);
         }
         let taken = doubts.take(&frame, |doubt| doubt.index == 3);
         let left: Vec<u32> = taken.iter().map(|doubt| doubt.triangle).collect();
         let expected: Vec<u32> = (0..256).filter(|triangle| triangle % 7 != 3).collect();
         assert_eq!(left, expected);
-        assert!(!doubts.put(&frame, doubt(1)) && doubts.take(&frame, |_| false).len() == 1);
+        assert!(!doubts.put(doubt(1)) && doubts.take(&frame, |_| false).len() == 1);
     }
 }

@@ -68,6 +68,10 @@ pub(crate) trait Lanes: Doubles {
     fn pack(self, bits: u32, values: Self::V) -> Self::V;
     /// As [`Self::pack`].
     fn pack_bytes(self, bits: u32, bytes: [u8; LANES]) -> [u8; LANES];
+    /// The numbers of two, by turns.
+    fn pairs(self, a: Self::V, b: Self::V) -> [[f32; 2]; LANES];
+    /// The numbers of three, by turns.
+    fn triples(self, a: Self::V, b: Self::V, c: Self::V) -> [[f32; 3]; LANES];
     /// The least of the lanes, if none is NaN.
     fn least(self, values: Self::V) -> f32;
     /// The greatest of the lanes, if none is NaN.
@@ -404,6 +408,16 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
+    fn pairs(self, a: Self::V, b: Self::V) -> [[f32; 2]; LANES] {
+        std::array::from_fn(|lane| [a[lane], b[lane]])
+    }
+
+    #[inline(always)]
+    fn triples(self, a: Self::V, b: Self::V, c: Self::V) -> [[f32; 3]; LANES] {
+        std::array::from_fn(|lane| [a[lane], b[lane], c[lane]])
+    }
+
+    #[inline(always)]
     fn least(self, values: Self::V) -> f32 {
         let less = |a: f32, b: f32| if b < a { b } else { a };
         values.into_iter().fold(f32::INFINITY, less)
@@ -473,6 +487,10 @@ mod tests {
             }
             let shorts = l.mul(l.bytes([0, 1, 77, 127, 128, 200, 254, 255]), l.splat(257.0));
             results.push(l.load(&l.shorts(shorts).map(f32::from)));
+            let pairs = l.pairs(a, b);
+            let triples = l.triples(a, b, l.floor(a));
+            let in_turn = [pairs.as_flattened(), triples.as_flattened()].concat();
+            results.extend(in_turn.as_chunks().0.iter().map(|eight| l.load(eight)));
             let finite = l.load(&[1.5, -2.25, 0.0, 7.0, -0.5, 3.0, 6.5, 2.0]);
             results.push(l.splat(l.least(finite)));
             results.push(l.splat(l.greatest(finite)));
@@ -508,7 +526,10 @@ mod tests {
         }
         let [least, greatest] = [plain.0.len() - 2, plain.0.len() - 1].map(|k| plain.0[k][0]);
         assert_eq!((least, greatest), (-2.25, 7.0));
-        let packed = plain.0[plain.0.len() - 9];
+        let packed = plain.0[plain.0.len() - 14];
+        let [first_pairs, first_triples] = [7, 5].map(|back| plain.0[plain.0.len() - back]);
+        assert_eq!(first_pairs[..4], [a[0], b[0], a[1], b[1]]);
+        assert_eq!(first_triples[..4], [a[0], b[0], a[0].floor(), a[1]]);
         assert_eq!(packed[..3], [a[1], a[2], a[4]], "lanes 1, 2, 4 and 7");
         let less = [0b0000_0110, 0b1001_0001, 0];
         assert_eq!(plain.1[..3], less);

@@ -337,7 +337,8 @@ impl<'s, P: FnMut(&mut Line, usize)> Sheet<'s, P> {
         }
         for pending in pending[..*waiting].chunks(SIZE) {
             fresh.load(l, frame, pending);
-            fresh.set_up::<true>(self.window, (0, pending.len().next_multiple_of(LANES)));
+            let end = pending.len().next_multiple_of(LANES);
+            fresh.set_up(self.window, (0, end));
             fresh.put(l, (planes, *set_up));
             *set_up += pending.len();
         }

@@ -74,6 +74,9 @@ pub(crate) struct Fresh {
     corners: [[f64; SIZE]; 9],
     at: [[f64; SIZE]; 4],
     along: [[[f64; SIZE]; 3]; 2],
+    /// Between what the depths lie there.
+    depths: [[f64; SIZE]; 2],
+    weights: [[f64; SIZE]; 2],
     normals: [[f64; SIZE]; 3],
     pub(crate) count: usize,
 }
@@ -86,6 +89,8 @@ impl Fresh {
             corners: [[0.0; SIZE]; 9],
             at: [[0.0; SIZE]; 4],
             along: [[[0.0; SIZE]; 3]; 2],
+            depths: [[0.0; SIZE]; 2],
+            weights: [[0.0; SIZE]; 2],
             normals: [[0.0; SIZE]; 3],
         }
     }
@@ -98,13 +103,13 @@ impl Fresh {
             self.spots[0][index] = one.spot[0];
             self.spots[1][index] = one.spot[1];
         }
-        // Of fewer than four, the last fills the rest.
+        // Of fewer than eight, the last fills the rest.
         let vertices = |index: usize| pending[index.min(pending.len() - 1)].vertices;
-        self.load_corners(l, frame, (0, self.count), vertices);
+        self.load_corners(l, frame, (0, self.count.next_multiple_of(LANES)), vertices);
     }
 
-    /// Takes over corners, by their vertices, from one triangle up to another, as [`Frame::facet`] has them; up to
-    /// three beyond, too.
+    /// Takes over corners, by their vertices, from one triangle up to another, four by four, as [`Frame::facet`] has
+    /// them.
     #[inline(always)]
     pub(crate) fn load_corners<L: Lanes>(
         &mut self,
@@ -131,12 +136,8 @@ impl Fresh {
                 *vertices = corners_of(from + k);
             }
             for corner in 0..3 {
-                let mut positions = [l.splat_f64(0.0); FOUR];
-                for k in 0..FOUR {
-                    let position = vertices[four[k][corner] as usize];
-                    positions[k] = l.load_f64(&[position.x, position.y, position.z, 0.0]);
-                }
-                let [x, y, z, _] = l.transpose(positions);
+                let at = |k: usize| &vertices[four[k][corner] as usize];
+                let [x, y, z] = l.points([at(0), at(1), at(2), at(3)]);
                 let x = l.sub_f64(x, middle[0]);
                 let y = l.sub_f64(y, middle[1]);
                 let z = l.sub_f64(z, middle[2]);
@@ -157,126 +158,106 @@ impl Fresh {
     /// which moves the depth by that over t of the corners' difference in depth, in both ways to
     /// compute it; the rest is a few roundings. An error of t where the plane was set up cancels.
     ///
-    /// Without `SLOPES` only their values where the triangles are seen. From one place up to another: whole lanes,
-    /// where there is nothing beyond the last triangle that anybody looks at.
+    /// From one place up to another: whole lanes, where there is nothing beyond the last triangle that anybody looks
+    /// at.
     #[inline(always)]
-    pub(crate) fn set_up<const SLOPES: bool>(
-        &mut self,
-        window: &Window,
-        (first, end): (usize, usize),
-    ) {
+    pub(crate) fn set_up(&mut self, window: &Window, (first, end): (usize, usize)) {
         let end = end.min(SIZE);
         let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
         let [vs, ws, ts, doubts] = &mut self.at;
         let [[vx, wx, tx], [vy, wy, ty]] = &mut self.along;
         let [nx, ny, nz] = &mut self.normals;
         for i in first..end {
-            let (x, y) = (self.spots[0][i], self.spots[1][i]);
-            let (ux, uy, uz) = (bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]);
-            let (ox, oy, oz) = (cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]);
-            let normal = [uy * oz - oy * uz, uz * ox - oz * ux, ux * oy - ox * uy];
-            let square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
-            let length = square.sqrt();
-
-            let (a0, a1) = (ax[i] - x * az[i], ay[i] - y * az[i]);
-            let (b0, b1) = (bx[i] - x * bz[i], by[i] - y * bz[i]);
-            let (c0, c1) = (cx[i] - x * cz[i], cy[i] - y * cz[i]);
-            let u = c0 * b1 - c1 * b0;
-            let v = a0 * c1 - a1 * c0;
-            let w = b0 * a1 - b1 * a0;
-            let t = u + v + w;
-            let volume = az[i] * t + v * uz + w * oz;
-            let scale = 1.0 / volume;
-
-            let far = most(most(az[i].abs(), bz[i].abs()), cz[i].abs());
-            let deep = most(most(uz.abs(), oz.abs()), (oz - uz).abs());
-            let wide = most(most(ux.abs(), ox.abs()), (ox - ux).abs());
-            let high = most(most(uy.abs(), oy.abs()), (oy - uy).abs());
-            let size = most(wide, high) + window.reach * deep;
-            let sheared = UNIT * (window.reach * far + 2.0 * size);
-            let edge = most(size, deep);
+            let spot = [self.spots[0][i], self.spots[1][i]];
+            let corners = [
+                [ax[i], ay[i], az[i]],
+                [bx[i], by[i], bz[i]],
+                [cx[i], cy[i], cz[i]],
+            ];
+            let glimpse = Glimpse::new(corners, spot, window.reach);
+            let ([v, w, t], normal) = (glimpse.functions, glimpse.normal);
+            let scale = 1.0 / glimpse.volume;
+            let edge = most(glimpse.size, glimpse.deep);
             let steep = normal[0].abs() + normal[1].abs();
             let lifted = (t.abs() + steep * window.width) * scale.abs();
-            let doubt = (160.0 * size * sheared * deep
-                + 48.0 * UNIT * edge * edge * window.width * far)
-                * scale.abs()
-                + 32.0 * UNIT * (1.0 + deep * lifted);
-            // How small t · depth may be for the triangle to be neither thin nor edge-on.
-            let least = far
-                * most(
-                    4.0 * THIN * size * size,
-                    1e-12 * (1.0 + window.reach) * length,
-                );
-            let clear = volume.abs() > least && volume * t > 0.0;
-
-            doubts[i] = if clear { doubt } else { f64::INFINITY };
-            if SLOPES {
-                // (x, y) counted from the tile's first pixel.
-                let (dx, dy) = (x - window.first[0], y - window.first[1]);
-                let slopes = [
-                    [a1 * cz[i] - az[i] * c1, az[i] * c0 - a0 * cz[i]],
-                    [b1 * az[i] - bz[i] * a1, bz[i] * a0 - b0 * az[i]],
-                    [-normal[0], -normal[1]],
-                ];
-                vs[i] = (v - slopes[0][0] * dx - slopes[0][1] * dy) * scale;
-                ws[i] = (w - slopes[1][0] * dx - slopes[1][1] * dy) * scale;
-                ts[i] = (t - slopes[2][0] * dx - slopes[2][1] * dy) * scale;
-                (vx[i], vy[i]) = (slopes[0][0] * scale, slopes[0][1] * scale);
-                (wx[i], wy[i]) = (slopes[1][0] * scale, slopes[1][1] * scale);
-                (tx[i], ty[i]) = (slopes[2][0] * scale, slopes[2][1] * scale);
+            let turned = 48.0 * UNIT * edge * edge * window.width * glimpse.far;
+            let doubt = (glimpse.moved() + turned) * scale.abs()
+                + 32.0 * UNIT * (1.0 + glimpse.deep * lifted);
+            doubts[i] = if glimpse.is_clear() {
+                doubt
             } else {
-                (vs[i], ws[i], ts[i]) = (v * scale, w * scale, t * scale);
-            }
-
-            // As glam's `normalize_or_zero`, then turned to the camera: t is minus the normal along
-            // the ray.
-            let unit = 1.0 / length;
-            let usable = unit < f64::INFINITY && unit > 0.0;
-            let unit = if usable { unit } else { 0.0 };
-            let side = if t < 0.0 { -1.0 } else { 1.0 };
-            nx[i] = normal[0] * unit * side;
-            ny[i] = normal[1] * unit * side;
-            nz[i] = normal[2] * unit * side;
+                f64::INFINITY
+            };
+            // (x, y) counted from the tile's first pixel.
+            let (dx, dy) = (spot[0] - window.first[0], spot[1] - window.first[1]);
+            let [[a0, a1], [b0, b1], [c0, c1]] = glimpse.sheared;
+            let [az, bz, cz] = glimpse.depths;
+            let slopes = [
+                [a1 * cz - az * c1, az * c0 - a0 * cz],
+                [b1 * az - bz * a1, bz * a0 - b0 * az],
+                [-normal[0], -normal[1]],
+            ];
+            vs[i] = (v - slopes[0][0] * dx - slopes[0][1] * dy) * scale;
+            ws[i] = (w - slopes[1][0] * dx - slopes[1][1] * dy) * scale;
+            ts[i] = (t - slopes[2][0] * dx - slopes[2][1] * dy) * scale;
+            (vx[i], vy[i]) = (slopes[0][0] * scale, slopes[0][1] * scale);
+            (wx[i], wy[i]) = (slopes[1][0] * scale, slopes[1][1] * scale);
+            (tx[i], ty[i]) = (slopes[2][0] * scale, slopes[2][1] * scale);
+            [nx[i], ny[i], nz[i]] = glimpse.unit_normal();
         }
     }
 
-    /// Writes the pixels' depth, weights and normals, each pixel's triangle having been worked out where it
-    /// sees it. Returns, as bits, those that the exact test has to decide.
+    /// Works out depth, weights and normals where the triangles are seen: depth = t · depth / t. The doubt is that of
+    /// [`Self::set_up`] for a window of no width, times the depth.
+    #[inline(always)]
+    pub(crate) fn see(&mut self, reach: f64, (first, end): (usize, usize)) {
+        let end = end.min(SIZE);
+        let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
+        let [low, high] = &mut self.depths;
+        let [vs, ws] = &mut self.weights;
+        let [nx, ny, nz] = &mut self.normals;
+        for i in first..end {
+            let spot = [self.spots[0][i], self.spots[1][i]];
+            let corners = [
+                [ax[i], ay[i], az[i]],
+                [bx[i], by[i], bz[i]],
+                [cx[i], cy[i], cz[i]],
+            ];
+            let glimpse = Glimpse::new(corners, spot, reach);
+            let [v, w, t] = glimpse.functions;
+            let over = 1.0 / t;
+            let depth = glimpse.volume * over;
+            let slack = glimpse.moved() * over.abs() + 32.0 * UNIT * (depth + glimpse.deep);
+            let slack = if glimpse.is_clear() {
+                slack
+            } else {
+                f64::INFINITY
+            };
+            (low[i], high[i]) = (depth - slack, depth + slack);
+            (vs[i], ws[i]) = (v * over, w * over);
+            [nx[i], ny[i], nz[i]] = glimpse.unit_normal();
+        }
+    }
+
+    /// Writes what has been worked out where the triangles are seen. Returns, as bits, the pixels that the exact
+    /// test has to decide.
     #[inline(always)]
     pub(crate) fn write<L: Lanes>(&self, l: L, line: &mut Line) -> u64 {
         let (depths, weights) = (&mut line.depth[WORDS..], &mut line.weights[WORDS..]);
         let normals = &mut line.normals[WORDS..];
-        let one = l.splat_f64(1.0);
         let mut doubtful = 0;
         for left in (0..SIZE).step_by(LANES) {
-            let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
-            for half in [0, FOUR] {
-                let first = left + half;
-                let [v, w, t, doubt] = [
-                    four_of(l, &self.at[0], first),
-                    four_of(l, &self.at[1], first),
-                    four_of(l, &self.at[2], first),
-                    four_of(l, &self.at[3], first),
-                ];
-                let depth = l.div_f64(one, t);
-                let slack = l.mul_f64(depth, doubt);
-                low[half..half + FOUR].copy_from_slice(&l.round(l.sub_f64(depth, slack)));
-                high[half..half + FOUR].copy_from_slice(&l.round(l.add_f64(depth, slack)));
-                let pairs = l.round_pairs(l.mul_f64(v, depth), l.mul_f64(w, depth));
-                weights[2 * first..][..2 * FOUR].copy_from_slice(pairs.as_flattened());
-                let turned = l.transpose([
-                    four_of(l, &self.normals[0], first),
-                    four_of(l, &self.normals[1], first),
-                    four_of(l, &self.normals[2], first),
-                    one,
-                ]);
-                for k in 0..FOUR {
-                    // The fourth number is written over next.
-                    normals[3 * (first + k)..][..FOUR].copy_from_slice(&l.round(turned[k]));
-                }
-            }
-            depths[left..left + LANES].copy_from_slice(&low);
+            let low = eight_of(&self.depths[0], left);
+            let high = eight_of(&self.depths[1], left);
+            depths[left..][..LANES].copy_from_slice(&low);
             doubtful |= u64::from(in_doubt(l, &low, &high)) << left;
+            let v = l.load(&eight_of(&self.weights[0], left));
+            let w = l.load(&eight_of(&self.weights[1], left));
+            weights[2 * left..][..2 * LANES].copy_from_slice(l.pairs(v, w).as_flattened());
+            let x = l.load(&eight_of(&self.normals[0], left));
+            let y = l.load(&eight_of(&self.normals[1], left));
+            let z = l.load(&eight_of(&self.normals[2], left));
+            normals[3 * left..][..3 * LANES].copy_from_slice(l.triples(x, y, z).as_flattened());
         }
         doubtful
     }
@@ -323,12 +304,108 @@ impl Fresh {
     }
 }
 
+/// A triangle where a pixel sees it.
+struct Glimpse {
+    /// Across its plane, as long as twice its area.
+    normal: [f64; 3],
+    length: f64,
+    /// v, w and t, and t · depth.
+    functions: [f64; 3],
+    volume: f64,
+    /// The corners, sheared, and their depths.
+    sheared: [[f64; 2]; 3],
+    depths: [f64; 3],
+    /// Bounds, up to twice as large: of the depth of the farthest corner; of how far the corners lie apart in
+    /// depth, and when sheared.
+    far: f64,
+    deep: f64,
+    size: f64,
+    /// As that of the window.
+    reach: f64,
+}
+
+impl Glimpse {
+    #[inline(always)]
+    fn new([a, b, c]: [[f64; 3]; 3], [x, y]: [f64; 2], reach: f64) -> Self {
+        let (ux, uy, uz) = (b[0] - a[0], b[1] - a[1], b[2] - a[2]);
+        let (ox, oy, oz) = (c[0] - a[0], c[1] - a[1], c[2] - a[2]);
+        let normal = [uy * oz - oy * uz, uz * ox - oz * ux, ux * oy - ox * uy];
+        let square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+
+        let (a0, a1) = (a[0] - x * a[2], a[1] - y * a[2]);
+        let (b0, b1) = (b[0] - x * b[2], b[1] - y * b[2]);
+        let (c0, c1) = (c[0] - x * c[2], c[1] - y * c[2]);
+        let u = c0 * b1 - c1 * b0;
+        let v = a0 * c1 - a1 * c0;
+        let w = b0 * a1 - b1 * a0;
+        let t = u + v + w;
+
+        let deep = uz.abs() + oz.abs();
+        let across = most(ux.abs() + ox.abs(), uy.abs() + oy.abs());
+        Self {
+            normal,
+            length: square.sqrt(),
+            functions: [v, w, t],
+            volume: a[2] * t + v * uz + w * oz,
+            sheared: [[a0, a1], [b0, b1], [c0, c1]],
+            depths: [a[2], b[2], c[2]],
+            far: a[2].abs() + deep,
+            deep,
+            size: across + reach * deep,
+            reach,
+        }
+    }
+
+    /// By how much roundings of the edge functions move the depth, times t.
+    #[inline(always)]
+    fn moved(&self) -> f64 {
+        let sheared = UNIT * (self.reach * self.far + 2.0 * self.size);
+        160.0 * self.size * sheared * self.deep
+    }
+
+    /// Whether it is before the camera, neither thin nor edge-on.
+    #[inline(always)]
+    fn is_clear(&self) -> bool {
+        let [_, _, t] = self.functions;
+        let least = self.far
+            * most(
+                4.0 * THIN * self.size * self.size,
+                1e-12 * (1.0 + self.reach) * self.length,
+            );
+        self.volume.abs() > least && self.volume * t > 0.0
+    }
+
+    /// As glam's `normalize_or_zero`, then turned to the camera: t is minus the normal along the ray.
+    #[inline(always)]
+    fn unit_normal(&self) -> [f64; 3] {
+        let [_, _, t] = self.functions;
+        let unit = 1.0 / self.length;
+        let usable = unit < f64::INFINITY && unit > 0.0;
+        let unit = if usable { unit } else { 0.0 };
+        let unit = if t < 0.0 { -unit } else { unit };
+        let [x, y, z] = self.normal;
+        [x * unit, y * unit, z * unit]
+    }
+}
+
 /// Four of a column's numbers from one on, or the last four.
 #[inline(always)]
 fn four_of<L: Lanes>(l: L, column: &[f64; SIZE], from: usize) -> L::D {
     let mut four = [0.0; FOUR];
     four.copy_from_slice(&column[from.min(SIZE - FOUR)..][..FOUR]);
     l.load_f64(&four)
+}
+
+/// Eight of a column's numbers from one on, or the last eight, as f32.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, reason = "maps are f32")]
+fn eight_of(column: &[f64; SIZE], from: usize) -> [f32; LANES] {
+    let mut eight = [0.0; LANES];
+    let column = &column[from.min(SIZE - LANES)..];
+    for (eight, &value) in eight.iter_mut().zip(column) {
+        *eight = value as f32;
+    }
+    eight
 }
 
 /// The greater, without the care for NaN that costs `f64::max` its speed.

@@ -58,7 +58,7 @@ impl Brush<'_> {
     /// Makes visible what has been offered and is nearer than what is there.
     #[inline(always)]
     fn settle_offers(&mut self) {
-        let (frame, doubts) = (&self.place.eye.frame, &mut *self.doubts);
+        let doubts = &mut *self.doubts;
         let mut full = false;
         let unsure = |index, (triangle, nearness)| {
             let doubt = Doubt {
@@ -67,7 +67,7 @@ impl Brush<'_> {
                 nearness,
                 met: true,
             };
-            full |= doubts.put(frame, doubt);
+            full |= doubts.put(doubt);
         };
         self.tile.try_offers(self.offers.take(), unsure);
         if full {
@@ -100,7 +100,7 @@ impl Brush<'_> {
     #[cold]
     #[inline(never)]
     pub(super) fn doubt(&mut self, doubt: Doubt) {
-        if self.doubts.put(&self.place.eye.frame, doubt) {
+        if self.doubts.put(doubt) {
             self.settle_doubts();
         }
     }

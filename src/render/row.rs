@@ -13,8 +13,9 @@ use super::tile::{NONE, SIZE};
 use crate::ahead::WORDS;
 
 /// A row of a tile, map by map. Each begins with room for what lies before it in the maps' memory, and ends
-/// with room for what is written beyond.
-#[repr(align(64))]
+/// with room for what is written beyond. All lie in one page: a store that reaches into the next takes a
+/// hundred cycles.
+#[repr(align(4096))]
 pub(super) struct Line {
     pub(super) triangles: [u32; WORDS + SIZE],
     pub(super) depth: [f32; WORDS + SIZE],

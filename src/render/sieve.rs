@@ -55,8 +55,9 @@ fn samples<L: Lanes>(l: L, corners: [L::V; 3], (error, last): (L::V, f32)) -> [L
     [l.ceil(low), l.floor(high)]
 }
 
-/// Triangles of a cluster that may cover a sample.
+/// Triangles of a cluster that may cover a sample. In one page: see [`super::row::Line`].
 #[derive(Debug)]
+#[repr(align(1024))]
 pub(crate) struct Sieve {
     places: [[u8; SIEVED]; 3],
     numbers: [f32; SIEVED],
@@ -136,8 +137,10 @@ pub(super) fn sieve<L: Lanes>(
     to.count = count;
 }
 
-/// Triangles that are seen at samples if nothing nearer is there.
+/// Triangles that are seen at samples if nothing nearer is there. In two pages, of which the second begins with
+/// numbers: see [`super::row::Line`].
 #[derive(Debug)]
+#[repr(C, align(4096))]
 pub(crate) struct Offers {
     /// Where the samples stand in the columns of the tile.
     indices: [f32; OFFERS],

@@ -7,7 +7,7 @@
 
 use super::bent::Bent;
 use super::doubts::Doubt;
-use super::lanes::{ALL, LANES, Lanes, SetBits};
+use super::lanes::{ALL, LANES, Lanes, SetBits, Task, dispatch};
 use super::raster::{Brush, between, spot, spread};
 use super::tile::Spot;
 
@@ -47,23 +47,24 @@ impl Stored {
             down[edge] = l.splat(self.along_y[edge][lane]);
         }
         let stride = brush.tile.stride();
-        let mut canvas = brush.tile.canvas();
-        let mut unsettled = 0;
+        let mut settled = l.below(l.splat(0.0), one);
         // Most are no wider than one stroke.
         let mut first = from.column;
         loop {
             let mut y = l.splat(0.0);
-            let mut index = from.row * stride + first;
-            let last = to.row * stride + first;
-            while index <= last {
+            let index = from.row * stride + first;
+            let end = to.row * stride + first + LANES;
+            let mut canvas = brush.tile.canvas().cut(index..end);
+            let mut row = 0;
+            while let Some(samples) = canvas.at(row) {
+                row += stride;
                 let mut at = start;
                 for edge in 0..3 {
                     at[edge] = l.mul_add(down[edge], y, start[edge]);
                 }
                 y = l.add(y, one);
                 let (near, known) = pen.judge(l, at);
-                unsettled |= canvas.try_offer(l, index, (triangle, near), known);
-                index += stride;
+                settled = l.and(settled, samples.try_offer(l, (triangle, near), known));
             }
             first += LANES;
             if first > to.column {
@@ -76,43 +77,8 @@ impl Stored {
                 start[edge] = l.mul_add(along, steps, corner);
             }
         }
-        if unsettled != 0 {
-            self.doubt_samples(brush, (lane, triangle));
-        }
-    }
-
-    /// Has it decided later which samples see a triangle that has been drawn: those that may, unless what is there
-    /// shows it already or clearly hides it. Rounded otherwise than in the strokes, which the doubts allow for.
-    #[cold]
-    #[inline(never)]
-    fn doubt_samples(&self, brush: &mut Brush<'_>, (lane, triangle): (usize, u32)) {
-        let from = spot(self.columns[0][lane], self.rows[0][lane]);
-        let to = spot(self.columns[1][lane], self.rows[1][lane]);
-        let doubt = self.doubt[lane];
-        // Where strokes end: they reach beyond the last column.
-        let width = (to.column - from.column + 1).next_multiple_of(LANES);
-        let end = brush.tile.stride().min(from.column + width);
-        for row in from.row..=to.row {
-            for column in from.column..end {
-                let (right, down) = ((column - from.column) as f32, (row - from.row) as f32);
-                let at = [0, 1, 2].map(|edge| {
-                    let start = self.at[edge][lane] + self.along_y[edge][lane] * down;
-                    start + self.along_x[edge][lane] * right
-                });
-                let [first, second, third] = [0, 1, 2].map(|corner| self.nearness[corner][lane]);
-                let nearness = at[2] * third + (at[1] * second + first);
-                let least = at[0].min(at[1]).min(at[2]);
-                let index = brush.tile.index(Spot { column, row });
-                let shown = brush.tile.shows(index, triangle);
-                if !shown && least >= -doubt && !brush.tile.surely_hides(index, nearness) {
-                    brush.doubt(Doubt {
-                        index,
-                        triangle,
-                        nearness,
-                        met: least > doubt,
-                    });
-                }
-            }
+        if l.bits(settled) != ALL {
+            doubt_samples(self, brush, (lane, triangle));
         }
     }
 
@@ -186,6 +152,50 @@ impl Stored {
     }
 }
 
+#[cold]
+#[inline(never)]
+fn doubt_samples(triangles: &Stored, brush: &mut Brush<'_>, which: (usize, u32)) {
+    dispatch(Hesitate(triangles, brush, which));
+}
+
+/// Has it decided later which samples see a triangle that has been drawn: those that may, unless what is there
+/// shows it already or clearly hides it. Rounded otherwise than in the strokes, which the doubts allow for.
+struct Hesitate<'s, 'b>(&'s Stored, &'s mut Brush<'b>, (usize, u32));
+
+impl Task for Hesitate<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self(triangles, brush, (lane, triangle)) = self;
+        let from = spot(triangles.columns[0][lane], triangles.rows[0][lane]);
+        let to = spot(triangles.columns[1][lane], triangles.rows[1][lane]);
+        let pen = Pen::of(l, triangles, lane);
+        for row in from.row..=to.row {
+            // Strokes reach beyond the last column.
+            for first in (from.column..=to.column).step_by(LANES) {
+                let at = triangles.edges(l, lane, (places(l, None, (first, row)), from));
+                let (near, (inside, beside)) = pen.judge(l, at);
+                let index = brush.tile.index(Spot { column: first, row });
+                let mut canvas = brush.tile.canvas();
+                let Some(samples) = canvas.at(index) else {
+                    continue;
+                };
+                let open = samples.open(l, (triangle, near));
+                let (near, inside) = (l.store(near), l.bits(inside));
+                for lane in SetBits(open & !l.bits(beside)) {
+                    brush.doubt(Doubt {
+                        index: index + lane,
+                        triangle,
+                        nearness: near[lane],
+                        met: inside >> lane & 1 == 1,
+                    });
+                }
+            }
+        }
+    }
+}
+
 /// What draws one triangle, eight samples at a time.
 struct Pen<V> {
     doubt: V,
@@ -255,14 +265,14 @@ fn offer_lanes<L: Lanes>(
     (index, triangle, near): (usize, u32, L::V),
     (inside, beside): (L::M, L::M),
 ) {
-    let offer = (triangle, near);
-    let unsettled = brush
-        .tile
-        .canvas()
-        .try_offer(l, index, offer, (inside, beside));
-    if unsettled != 0 {
+    let mut canvas = brush.tile.canvas();
+    let Some(samples) = canvas.at(index) else {
+        return;
+    };
+    let settled = l.bits(samples.try_offer(l, (triangle, near), (inside, beside)));
+    if settled != ALL {
         let (near, inside) = (l.store(near), l.bits(inside));
-        for lane in SetBits(unsettled) {
+        for lane in SetBits(!settled & ALL) {
             brush.doubt(Doubt {
                 index: index + lane,
                 triangle,

@@ -1,8 +1,9 @@
 //! A square of samples with what is nearest at each, and how far the farthest of each block is.
 
 use super::Visible;
-use super::lanes::{ALL, LANES, Lanes};
+use super::lanes::{LANES, Lanes};
 use std::hint::select_unpredictable;
+use std::ops::Range;
 
 /// Most samples along each side: of smaller tiles, each cluster would lie in more.
 pub(crate) const SIDE: usize = 2 * SIZE;
@@ -213,11 +214,6 @@ impl Tile {
         nearness < self.nearness[index] * (1.0 - 2.0 * DOUBT)
     }
 
-    /// Whether a triangle is what a sample sees.
-    pub(crate) fn shows(&self, index: usize, triangle: u32) -> bool {
-        self.triangles[index] == triangle
-    }
-
     /// What is drawn on, many samples at a time.
     #[inline(always)]
     pub(crate) fn canvas(&mut self) -> Canvas<'_> {
@@ -262,28 +258,55 @@ pub(crate) struct Canvas<'t> {
 }
 
 impl Canvas<'_> {
-    /// Offers a triangle to samples side by side from `index` on: in the lanes of `inside` it is
-    /// seen, in those of `beside` it is not. Returns the lanes that nothing was decided for.
+    /// What lies between two places.
+    #[inline(always)]
+    pub(crate) fn cut(self, range: Range<usize>) -> Self {
+        Self {
+            nearness: &mut self.nearness[range.clone()],
+            triangles: &mut self.triangles[range],
+        }
+    }
+
+    /// Samples side by side from a place on, unless the canvas ends before.
+    #[inline(always)]
+    pub(crate) fn at(&mut self, index: usize) -> Option<Samples<'_>> {
+        let lanes = index..index + LANES;
+        Some(Samples {
+            nearness: self.nearness.get_mut(lanes.clone())?.first_chunk_mut()?,
+            triangles: self.triangles.get_mut(lanes)?.first_chunk_mut()?,
+        })
+    }
+}
+
+/// Samples side by side.
+pub(crate) struct Samples<'t> {
+    nearness: &'t mut [f32; LANES],
+    triangles: &'t mut [u32; LANES],
+}
+
+impl Samples<'_> {
+    /// Offers a triangle: in the lanes of `inside` it is seen, in those of `beside` it is not. Returns the lanes
+    /// that something was decided for.
     #[inline(always)]
     pub(crate) fn try_offer<L: Lanes>(
-        &mut self,
+        self,
         l: L,
-        index: usize,
         (triangle, nearness): (u32, L::V),
         (inside, beside): (L::M, L::M),
-    ) -> u32 {
-        let (Some(there), Some(triangles)) = (
-            self.nearness[index..].first_chunk_mut::<LANES>(),
-            self.triangles[index..].first_chunk_mut::<LANES>(),
-        ) else {
-            return 0;
-        };
-        let old = l.load(there);
+    ) -> L::M {
+        let old = l.load(self.nearness);
         let wins = l.and(inside, l.below(l.mul(old, l.splat(1.0 + DOUBT)), nearness));
         let hidden = l.below(nearness, l.mul(old, l.splat(1.0 - 2.0 * DOUBT)));
-        *there = l.store(l.choose(wins, nearness, old));
-        *triangles = l.overwrite(wins, triangle, triangles);
-        !l.bits(l.or(l.or(beside, hidden), wins)) & ALL
+        *self.nearness = l.store(l.choose(wins, nearness, old));
+        *self.triangles = l.overwrite(wins, triangle, self.triangles);
+        l.or(l.or(beside, hidden), wins)
+    }
+
+    /// The lanes that neither show a triangle already nor clearly hide it.
+    #[inline(always)]
+    pub(crate) fn open<L: Lanes>(&self, l: L, (triangle, nearness): (u32, L::V)) -> u32 {
+        let bar = l.mul(l.load(self.nearness), l.splat(1.0 - 2.0 * DOUBT));
+        l.differ(self.triangles, &[triangle; LANES]) & !l.less(nearness, bar)
     }
 }
 
