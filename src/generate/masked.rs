@@ -10,7 +10,7 @@ use mvs_datasets::scene::{ColorImage, Mask};
 
 /// The brightest that readers take for background.
 pub(crate) const BACKGROUND: u8 = 10;
-/// The brightest that the background may come back as, less by what decoders differ by.
+/// The brightest that the background may come back as: decoders differ by a little.
 const DARK: u8 = BACKGROUND - 2;
 
 /// An image and what a mask leaves of it, as JPEGs.

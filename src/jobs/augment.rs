@@ -73,6 +73,7 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
         context.warnings.add(&warning.code, warning.message);
     }
     warn_of_others(&others, context);
+    warn_of_masked(&folder, &names, context);
     context.progress.begin("augmenting", names.len() as u64);
     let images = parallel::try_map(names.len(), |index| {
         context.progress.check()?;
@@ -128,28 +129,25 @@ fn augment_one(folder: &Path, name: &str, seed: u64, out: &OutDir) -> Result<Aug
     let steps = augment::draw(seed, view);
     let is_png = name.to_ascii_lowercase().ends_with(".png");
     let jpeg = JpegOptions::default();
-    match unmasked(folder, name) {
-        None => {
-            let changed = augment::apply(&given, &steps)?;
-            out.write(name, |file| match is_png {
-                true => image::write_png(file, &changed),
-                false => image::write_jpeg(file, &changed, jpeg),
-            })?;
+    if is_masked(name) {
+        let whole = unmasked(folder, name).map(|whole| files::read_image(&whole));
+        let mask = given.map(|pixel| pixel.iter().any(|&level| level > masked::BACKGROUND));
+        let changed = augment::apply(whole.transpose()?.as_ref().unwrap_or(&given), &steps)?;
+        let cut = blend::masked(&changed, &mask)
+            .map_err(|error| Error::invalid(path.display().to_string(), error.to_string()))?;
+        if is_png {
+            out.write(name, |file| image::write_png(file, &cut))?;
+        } else {
+            let pair = masked::encode(&changed, &mask, jpeg)?;
+            let bytes = pair.masked.unwrap_or(pair.whole);
+            out.write(name, |file| file.write_all(&bytes))?;
         }
-        Some(whole) => {
-            let whole = files::read_image(&whole)?;
-            let mask = given.map(|pixel| pixel.iter().any(|&level| level > masked::BACKGROUND));
-            let changed = augment::apply(&whole, &steps)?;
-            let cut = blend::masked(&changed, &mask)
-                .map_err(|error| Error::invalid(path.display().to_string(), error.to_string()))?;
-            if is_png {
-                out.write(name, |file| image::write_png(file, &cut))?;
-            } else {
-                let pair = masked::encode(&changed, &mask, jpeg)?;
-                let bytes = pair.masked.unwrap_or(pair.whole);
-                out.write(name, |file| file.write_all(&bytes))?;
-            }
-        }
+    } else {
+        let changed = augment::apply(&given, &steps)?;
+        out.write(name, |file| match is_png {
+            true => image::write_png(file, &changed),
+            false => image::write_jpeg(file, &changed, jpeg),
+        })?;
     }
     Ok(AugmentedImage {
         file: name.to_owned(),
@@ -158,17 +156,45 @@ fn augment_one(folder: &Path, name: &str, seed: u64, out: &OutDir) -> Result<Aug
     })
 }
 
+fn stem_of(name: &str) -> &str {
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+}
+
+fn is_masked(name: &str) -> bool {
+    stem_of(name).ends_with(MASKED)
+}
+
+/// What the stem of a masked image's name ends in.
+const MASKED: &str = "_masked";
+
 /// The image that a masked one is cut from, where it lies beside it: of that, not of its background, the contrast
 /// is, so that both agree where there is surface.
 fn unmasked(folder: &Path, name: &str) -> Option<PathBuf> {
-    let (stem, end) = name.rsplit_once('.')?;
-    let path = folder.join(format!("{}.{end}", stem.strip_suffix("_masked")?));
-    path.is_file().then_some(path)
+    let (_, end) = name.rsplit_once('.')?;
+    let stem = stem_of(name).strip_suffix(MASKED)?;
+    let mut whole = [end, "jpg", "png", "jpeg"]
+        .map(|end| folder.join(format!("{stem}.{end}")))
+        .into_iter();
+    whole.find(|path| path.is_file())
+}
+
+/// Names masked images whose whole ones are not there.
+fn warn_of_masked(folder: &Path, names: &[String], context: &Context<'_>) {
+    let is_alone = |name: &&String| is_masked(name) && unmasked(folder, name).is_none();
+    let mut alone = names.iter().filter(is_alone);
+    if let Some(first) = alone.next() {
+        let message = format!(
+            "{} masked images have no whole image beside them, the first is {first}: their contrast is against a \
+             mean that their background lowers",
+            1 + alone.count()
+        );
+        context.warnings.add("masked-alone", message);
+    }
 }
 
 fn view_of(name: &str) -> u32 {
-    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    let stem = stem.strip_suffix("_masked").unwrap_or(stem);
+    let stem = stem_of(name);
+    let stem = stem.strip_suffix(MASKED).unwrap_or(stem);
     let is_number = stem.bytes().all(|byte| byte.is_ascii_digit());
     let number = is_number.then(|| stem.parse().ok()).flatten();
     number.unwrap_or_else(|| {

@@ -137,6 +137,9 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     job.check()?;
     let (report, run_file) = (report_path(&job.out), run_file_beside(&job.out));
     let visible = visible_path(&job.out);
+    if !context.force {
+        check_run_file(&run_file, "fuse")?;
+    }
     check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
     let mut own = vec![job.out.clone(), report, run_file.clone(), visible.clone()];
     let maps = FolderMaps::open(job, replaced(&own, &run_file, "fuse"), context)?;

@@ -30,10 +30,11 @@ pub use out::{OutDir, check_out_file, run_file_beside};
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::provenance::Run;
 use crate::warning::Warnings;
 use mvs_datasets::layout::blended::UNFINISHED;
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What every job is given beside its options. None of it changes a result.
 #[derive(Clone, Copy)]
@@ -47,13 +48,23 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// Says which of these inputs belong to results that are not finished: part of them may be missing. Those of
-    /// the result at `out`, which is made further, do not count.
+    /// Says which of these inputs belong to results that are not finished: part of them may be missing. The result at
+    /// `out`, which is made further, does not count, nor does the `demo` that it is a part of.
     fn warn_of_unfinished(&self, inputs: &[&Path], out: &Path) {
-        let folders = inputs.iter().flat_map(|path| path.ancestors().take(2));
-        let is_unfinished = |folder: &&Path| folder.join(UNFINISHED).is_file() && *folder != out;
-        let unfinished: BTreeSet<&Path> = folders.filter(is_unfinished).collect();
-        for folder in unfinished {
+        let own = out.ancestors().find_map(real_folder);
+        let is_own = |folder: &Path| match &own {
+            Some(own) if own == folder => true,
+            Some(own) if own.starts_with(folder) => {
+                Run::read(&folder.join(UNFINISHED)).is_ok_and(|run| run.command == "demo")
+            }
+            _ => false,
+        };
+        let places = inputs.iter().flat_map(|path| path.ancestors().take(2));
+        let folders: BTreeSet<PathBuf> = places.filter_map(real_folder).collect();
+        let unfinished = folders
+            .iter()
+            .filter(|folder| folder.join(UNFINISHED).is_file());
+        for folder in unfinished.filter(|folder| !is_own(folder)) {
             let message = format!(
                 "{}: has a {UNFINISHED}: what makes the folder was interrupted or still runs, and some of it may \
                  be missing or older",
@@ -62,6 +73,15 @@ impl Context<'_> {
             self.warnings.add("unfinished", message);
         }
     }
+}
+
+/// The real path of what is there; no path at all is the present folder.
+fn real_folder(path: &Path) -> Option<PathBuf> {
+    match path.as_os_str().is_empty() {
+        true => Path::new(".").canonicalize(),
+        false => path.canonicalize(),
+    }
+    .ok()
 }
 
 /// Refuses a `command` without one of its paths before any work: (flag, its paths, what is expected).

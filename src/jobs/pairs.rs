@@ -67,7 +67,10 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
         ],
     )?;
     let run_file = run_file_beside(&job.out);
-    context.warn_of_unfinished(&[&job.cameras], Path::new(""));
+    context.warn_of_unfinished(&[&job.cameras], &job.out);
+    if !context.force {
+        check_run_file(&run_file, "pairs")?;
+    }
     check_out_file(&job.out, context.force)?;
     check_out_file(&run_file, context.force)?;
     let (views, sources, run) = if job.mesh.is_empty() {

@@ -202,6 +202,27 @@ fn a_masked_image_is_changed_as_its_whole_one() {
             .count()
             > 500
     );
+    // Without it, it is changed by itself, and its background stays all the same.
+    let alone = folder.path().join("alone");
+    std::fs::create_dir(&alone).unwrap();
+    std::fs::copy(
+        images.join("00000003_masked.png"),
+        alone.join("00000003_masked.png"),
+    )
+    .unwrap();
+    let output = augmented(&alone, "3", &folder.path().join("of alone"));
+    assert_eq!(output.status.code(), Some(0));
+    assert!(
+        stderr(&output).contains("[masked-alone]: 1 masked"),
+        "{}",
+        stderr(&output)
+    );
+    let found = files::read_image(&folder.path().join("of alone/00000003_masked.png")).unwrap();
+    let steps = augment::draw(3, 3);
+    assert_eq!(
+        found,
+        cut(&augment::apply(&cut(&picture()), &steps).unwrap())
+    );
     put("00000009.png", &Raster::filled(8, 8, [90; 3]).unwrap());
     put("00000009_masked.png", &picture());
     let refused = augmented(&images, "3", &folder.path().join("again"));

@@ -16,6 +16,8 @@ fn demo(folder: &Path, arguments: &[&str]) -> serde_json::Value {
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    // Its parts lie in a folder that is being made, by itself.
+    assert!(!stderr(&output).contains("[unfinished]"), "{}", stderr(&output));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 

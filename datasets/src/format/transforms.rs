@@ -130,6 +130,7 @@ struct WireCamera {
     lens: Option<Value>,
     ftheta_p0: Option<Value>,
     latlong: Option<Value>,
+    equirectangular: Option<Value>,
     is_latlong: Option<Value>,
 }
 
@@ -170,6 +171,7 @@ impl WireCamera {
             lens: self.lens.or(shared.lens),
             ftheta_p0: self.ftheta_p0.or(shared.ftheta_p0),
             latlong: self.latlong.or(shared.latlong),
+            equirectangular: self.equirectangular.or(shared.equirectangular),
             is_latlong: self.is_latlong.or(shared.is_latlong),
         }
     }
@@ -192,6 +194,7 @@ impl WireCamera {
             ("lens", &self.lens),
             ("ftheta_p0", &self.ftheta_p0),
             ("latlong", &self.latlong),
+            ("equirectangular", &self.equirectangular),
             ("is_latlong", &self.is_latlong),
         ];
         for (name, value) in others {
@@ -209,7 +212,11 @@ impl WireCamera {
 
     /// k1 to k6, and p1 and p2: of the list, if there is one, as nerfstudio reads it.
     fn radial_tangential(&self) -> Result<([f64; 6], [f64; 2]), String> {
-        match self.distortion_params.as_deref() {
+        match self
+            .distortion_params
+            .as_deref()
+            .filter(|list| !list.is_empty())
+        {
             Some(&[k1, k2, k3, k4, p1, p2]) => Ok(([k1, k2, k3, k4, 0.0, 0.0], [p1, p2])),
             Some(others) => Err(format!(
                 "expected distortion_params as k1 k2 k3 k4 p1 p2, found {} numbers",
@@ -494,6 +501,7 @@ mod tests {
             ("\"ftheta_p0\": 0.0", "found ftheta_p0 0.0"),
             ("\"is_latlong\": true", "found is_latlong true"),
             ("\"latlong\": 1", "found latlong 1"),
+            ("\"equirectangular\": true", "found equirectangular true"),
         ] {
             let json = REAL
                 .replacen("\"fl_x\": 600.0", own, 1)
@@ -509,6 +517,7 @@ mod tests {
             "\"lens\": \"PINHOLE\"",
             "\"lens\": null",
             "\"k5\": 0",
+            "\"distortion_params\": []",
         ] {
             assert!(
                 read(&REAL.replacen("\"fl_x\": 600.0", own, 1)).is_ok(),

@@ -74,7 +74,7 @@ pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> 
     }
     let (source, path) = found.remove(0);
     let (scene, mut notes) = match source {
-        CameraSource::Cams => (read_cams(&path, options)?, Vec::new()),
+        CameraSource::Cams => read_cams(&path, options)?,
         CameraSource::Colmap => (read_colmap(&path, options)?, text_beside(&path)),
         CameraSource::Transforms => read_transforms(&path, options)?,
         CameraSource::Log => read_log(&path, options)?,
@@ -164,12 +164,12 @@ fn candidates(path: &Path) -> Result<Vec<(CameraSource, PathBuf)>> {
     Ok(found)
 }
 
-fn read_cams(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
+fn read_cams(folder: &Path, options: &CamerasOptions) -> Result<(Scene, Vec<String>)> {
     let options = CamsOptions {
         pixel_centre: options.pixel_centre,
         size: options.size,
     };
-    mvsnet::read_scene(folder, &options)
+    mvsnet::read_cameras(folder, &options)
 }
 
 /// The place at or under `path` that holds a COLMAP model.

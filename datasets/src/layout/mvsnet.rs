@@ -47,6 +47,20 @@ pub struct CamsOptions {
 ///
 /// View names stay empty. Views that `pair.txt` does not list have no source views.
 pub fn read_scene(folder: &Path, options: &CamsOptions) -> Result<Scene> {
+    let (scene, unfit) = read_with_pairs(folder, options)?;
+    unfit.map_or(Ok(scene), Err)
+}
+
+/// As [`read_scene`], for whoever needs cameras above all: a `pair.txt` beside the folder of cams, which may be of
+/// other views, is left out where it does not fit, and why is said.
+pub(super) fn read_cameras(folder: &Path, options: &CamsOptions) -> Result<(Scene, Vec<String>)> {
+    let (scene, unfit) = read_with_pairs(folder, options)?;
+    let notes = unfit.map(|error| format!("{error}: no source views are read"));
+    Ok((scene, notes.into_iter().collect()))
+}
+
+/// The views, with their sources unless a `pair.txt` that does not lie beside the cams says something else.
+fn read_with_pairs(folder: &Path, options: &CamsOptions) -> Result<(Scene, Option<Error>)> {
     let (cams, paths) = find_cams(folder)?;
     let views = paths
         .iter()
@@ -54,10 +68,16 @@ pub fn read_scene(folder: &Path, options: &CamsOptions) -> Result<Scene> {
         .collect::<Result<Vec<_>>>()?;
     let scene = Scene::new(views)?;
     let Some(pairs) = pairs_beside(folder, &cams) else {
-        return Ok(scene);
+        return Ok((scene, None));
     };
-    let entries = files::read_text_with(&pairs, pair::read)?;
-    with_pairs(scene, entries).map_err(Error::in_file(&pairs))
+    let entries = files::read_text_with(&pairs, pair::read);
+    let paired = entries
+        .and_then(|entries| with_pairs(scene.clone(), entries).map_err(Error::in_file(&pairs)));
+    match paired {
+        Ok(scene) => Ok((scene, None)),
+        Err(error) if pairs.parent() != Some(cams.as_path()) => Ok((scene, Some(error))),
+        Err(error) => Err(error),
+    }
 }
 
 /// Whether `folder`, or its `cams/`, holds any `<id>_cam.txt`.
@@ -80,10 +100,22 @@ pub fn pairs_file(folder: &Path) -> Result<Option<PathBuf>> {
 }
 
 fn pairs_beside(given: &Path, cams: &Path) -> Option<PathBuf> {
-    let above = cams.parent().filter(|_| cams.ends_with("cams"));
-    let folders = [Some(cams), Some(given), above].into_iter().flatten();
+    let above = above(cams);
+    let folders = [Some(cams), Some(given), above.as_deref()]
+        .into_iter()
+        .flatten();
     let mut pairs = folders.map(|folder| folder.join("pair.txt"));
     pairs.find(|path| path.is_file())
+}
+
+/// The folder that a folder called `cams` lies in, also where that is given as `.`.
+pub fn above(cams: &Path) -> Option<PathBuf> {
+    let real = match cams.file_name() {
+        Some(_) => cams.to_path_buf(),
+        None => cams.canonicalize().ok()?,
+    };
+    let is_named = real.ends_with("cams");
+    real.parent().filter(|_| is_named).map(Path::to_path_buf)
 }
 
 /// The folder that holds cams, and its cams by view id.
@@ -311,9 +343,22 @@ mod tests {
             assert_eq!(pairs_file(given).unwrap(), Some(above.clone()));
             assert!(scene_files(given).unwrap().contains(&above));
         }
+        // Of other views, they are no obstacle for whoever needs cameras.
+        let fitting = std::fs::read(&above).unwrap();
+        files::write_atomically(&above, |out| write!(out, "1\n99\n0\n")).unwrap();
+        let without = Scene::new(scene().views().to_vec()).unwrap();
+        assert!(read_scene(root.path(), &options).is_err());
+        let (cameras, notes) = read_cameras(root.path(), &options).unwrap();
+        assert_eq!(cameras, without);
+        assert!(notes[0].contains("pair.txt") && notes[0].ends_with("no source views are read"));
+        files::write_atomically(&cams.join("pair.txt"), |out| write!(out, "1\n99\n0\n")).unwrap();
+        assert!(
+            read_cameras(root.path(), &options).is_err(),
+            "beside the cams"
+        );
+        files::write_atomically(&above, |out| out.write_all(&fitting)).unwrap();
         // Those beside the cams win, and of another folder's nothing is known.
         files::write_atomically(&cams.join("pair.txt"), |out| writeln!(out, "0")).unwrap();
-        let without = Scene::new(scene().views().to_vec()).unwrap();
         assert_eq!(read_scene(root.path(), &options).unwrap(), without);
         std::fs::remove_file(cams.join("pair.txt")).unwrap();
         let other = root.path().join("other");

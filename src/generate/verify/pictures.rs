@@ -2,6 +2,7 @@
 
 use super::{Finding, encoded, median};
 use crate::error::Result;
+use crate::generate::masked::BACKGROUND;
 use crate::generate::range::kept_by_readers;
 use crate::parallel;
 use crate::progress::Progress;
@@ -15,8 +16,6 @@ use mvs_datasets::scene::{ColorImage, DepthMap, Scene, View};
 /// coefficient is rounded (9 levels rms each, the median of whose difference is below this). Another
 /// view's image differs by 30 on the scene this was measured on.
 const SAME_IMAGE: f64 = 10.0;
-/// The brightest that readers take for background.
-const DARK: u8 = 10;
 /// What no JPEG of a masked image has by itself a little away from the mask.
 const BRIGHT: u8 = 40;
 /// In pixels. Masked images of sound scenes (10 of 96x72 to 768x576 pixels) have no bright pixel so far from
@@ -27,7 +26,7 @@ const TRACE: usize = 4000;
 const LEAST_AWAY: usize = 12;
 /// Brightness varies by more grey levels (standard deviation) where an image shows any surface.
 const FLAT: f64 = 2.0;
-/// Pixels by which to judge that.
+/// Pixels by which to judge that: so many, and a hundredth of the image.
 const ENOUGH: usize = 100;
 
 pub(super) fn check_views(
@@ -162,7 +161,7 @@ fn flat(id: u32, image: &ColorImage, depth: &DepthMap) -> Option<Finding> {
     let count = shown.len() as f64;
     let mean = shown.iter().sum::<f64>() / count;
     let spread = (shown.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();
-    (shown.len() >= ENOUGH && spread < FLAT).then(|| {
+    (shown.len() >= ENOUGH.max(depth.values().len() / 100) && spread < FLAT).then(|| {
         let message = format!(
             "expected an image of the surface, found brightness that varies by {spread:.1} grey levels \
              around {mean:.0} over the pixels with depth: it is black or of one colour"
@@ -212,7 +211,7 @@ fn check_mask(
     findings: &mut Vec<Finding>,
 ) {
     let name = format!("blended_images/{}", file_name(id, "_masked.jpg"));
-    let bright = |pixel: &[u8; 3]| pixel.iter().any(|&value| value > DARK);
+    let bright = |pixel: &[u8; 3]| pixel.iter().any(|&value| value > BACKGROUND);
     let (mut outside, mut bright_outside, mut worst) = (0usize, 0usize, 0u8);
     for (pixel, _) in masked
         .values()
@@ -226,14 +225,14 @@ fn check_mask(
     }
     if bright_outside * 5 > outside {
         let message = format!(
-            "expected black where there is no depth, found {bright_outside} of {outside} such pixels above {DARK}: the image is not masked"
+            "expected black where there is no depth, found {bright_outside} of {outside} such pixels above {BACKGROUND}: the image is not masked"
         );
         findings.push(Finding::fault("missing-mask", name.clone(), message));
     } else if let Some(finding) = moved(&name, masked, depth) {
         findings.push(finding);
     } else if bright_outside > 0 {
         let message = format!(
-            "{bright_outside} of {outside} pixels without depth are above {DARK} (up to {worst}): readers take them for surface"
+            "{bright_outside} of {outside} pixels without depth are above {BACKGROUND} (up to {worst}): readers take them for surface"
         );
         findings.push(Finding::advice("bright-background", name.clone(), message));
     }

@@ -133,8 +133,7 @@ fn entry(
 
 /// The view's image: in the scene's folder, or beside it where that is the folder of cams.
 fn image_of(scene: &Path, id: u32) -> Option<PathBuf> {
-    let beside = scene.parent().filter(|_| scene.ends_with("cams"));
-    find_image(scene, id).or_else(|| find_image(beside?, id))
+    find_image(scene, id).or_else(|| find_image(&mvsnet::above(scene)?, id))
 }
 
 /// Without any source views nothing can agree.

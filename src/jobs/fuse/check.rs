@@ -64,8 +64,7 @@ impl FuseJob {
         ];
         let parts = parts.map(|part| self.scene.join(part));
         let mut read: Vec<PathBuf> = parts.into_iter().filter(|part| part.is_dir()).collect();
-        let beside = self.scene.parent().filter(|_| self.scene.ends_with("cams"));
-        let beside = beside
+        let beside = mvsnet::above(&self.scene)
             .into_iter()
             .flat_map(|scene| IMAGE_FOLDERS.map(|part| scene.join(part)));
         let beside: Vec<PathBuf> = beside.filter(|part| part.is_dir()).collect();

@@ -73,7 +73,7 @@ impl<'a> FolderMaps<'a> {
         warn_of_missing_images(&entries, context);
         let inputs = job.inputs()?;
         let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
-        context.warn_of_unfinished(&inputs, Path::new(""));
+        context.warn_of_unfinished(&inputs, &job.out);
         let own = [own, &filtered_paths(job, &entries)].concat();
         let maps = Self {
             inputs: Inputs::list(&inputs, &own)?,

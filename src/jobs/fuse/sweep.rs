@@ -83,6 +83,9 @@ pub struct SweepOutcome {
 pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     job.check()?;
     let run_file = run_file_beside(&job.out);
+    if !context.force {
+        check_run_file(&run_file, "sweep")?;
+    }
     check_out_files(&[&job.out, &run_file], context.force)?;
     let all = combinations(job);
     all.iter().try_for_each(FuseOptions::check)?;

@@ -211,7 +211,8 @@ impl<'a> Body<'a> {
     /// Refuses what is left after all elements but for blanks and zeros: the header states too little, or the file
     /// was put together wrongly.
     pub(super) fn check_end(&self) -> Result<(), FormatError> {
-        let blank = |byte: &u8| byte.is_ascii_whitespace() || *byte == 0;
+        // 0x1a is how old editors end a text.
+        let blank = |byte: &u8| byte.is_ascii_whitespace() || [0, 0x1a].contains(byte);
         if self.rest.iter().all(blank) {
             return Ok(());
         }

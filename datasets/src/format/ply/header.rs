@@ -171,9 +171,10 @@ impl Cleaner {
 
 /// Whether a line that begins so says nothing of the data.
 fn is_remark(word: &str) -> bool {
-    ["comment", "obj_info"]
+    let word = word.to_ascii_lowercase();
+    ["comment", "obj_info", "#"]
         .iter()
-        .any(|remark| word.eq_ignore_ascii_case(remark))
+        .any(|remark| word.starts_with(remark))
 }
 
 /// A lower-case name of letters, digits and underscores that `taken` does not hold yet, so that no
@@ -292,7 +293,7 @@ mod tests {
                 "header line 5: expected `format`, `element <name> <count>` or `property <type> <name>`, found `propertx float c`",
             ),
             (
-                "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n\nComment c\nobj_info c\nend_header\n",
+                "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n\nComment c\nobj_info c\ncomment: c\n# c\nend_header\n",
                 "",
             ),
             (

@@ -227,7 +227,7 @@ fn a_file_that_goes_on_is_refused() {
     assert!(error.contains("found 6 more bytes"), "{error}");
     let cloud = PointCloud::new(vec![DVec3::ONE; 2]);
     let mut bytes = bytes_of(|out| write_cloud(out, &cloud, &[], &PlyOptions::default()));
-    bytes.extend([b'\n', 0, 0]);
+    bytes.extend([b'\n', 0, 0x1a]);
     assert_eq!(read_cloud(&bytes).unwrap().len(), 2, "padded");
     bytes.extend([1; 12]);
     let error = read_cloud(&bytes).unwrap_err().to_string();
