@@ -51,13 +51,16 @@ impl Context<'_> {
     /// Says which of these inputs belong to results that are not finished: part of them may be missing. The result at
     /// `out`, which is made further, does not count, nor does the `demo` that it is a part of.
     fn warn_of_unfinished(&self, inputs: &[&Path], out: &Path) {
-        let own = out.ancestors().find_map(real_folder);
-        let is_own = |folder: &Path| match &own {
-            Some(own) if own == folder => true,
-            Some(own) if own.starts_with(folder) => {
-                Run::read(&folder.join(UNFINISHED)).is_ok_and(|run| run.command == "demo")
-            }
-            _ => false,
+        let (own, around) = (real_folder(out), out.ancestors().find_map(real_folder));
+        let is_demo = |folder: &Path| {
+            let made = Run::read(&folder.join(UNFINISHED));
+            made.is_ok_and(|run| run.command == "demo")
+        };
+        let is_own = |folder: &Path| {
+            let is_around = around
+                .as_ref()
+                .is_some_and(|around| around.starts_with(folder));
+            own.as_deref() == Some(folder) || (is_around && is_demo(folder))
         };
         let places = inputs.iter().flat_map(|path| path.ancestors().take(2));
         let folders: BTreeSet<PathBuf> = places.filter_map(real_folder).collect();

@@ -17,7 +17,11 @@ fn demo(folder: &Path, arguments: &[&str]) -> serde_json::Value {
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     // Its parts lie in a folder that is being made, by itself.
-    assert!(!stderr(&output).contains("[unfinished]"), "{}", stderr(&output));
+    assert!(
+        !stderr(&output).contains("[unfinished]"),
+        "{}",
+        stderr(&output)
+    );
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
