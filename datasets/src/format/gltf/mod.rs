@@ -6,18 +6,20 @@
 
 mod data;
 mod materials;
+mod nodes;
 mod wire;
 
 use crate::error::FormatError;
 use crate::scene::Corner;
 use data::Document;
-use glam::{DMat4, DQuat, DVec3, Vec2};
+use glam::{DMat4, DVec3, Vec2};
 pub(crate) use materials::byte_of_linear;
 use materials::material_of;
 pub use materials::{GltfMaterial, GltfTexture};
+use nodes::{MOST_INSTANCED, check_instances, placed_nodes};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use wire::{Node, Primitive, Root};
+use wire::{Primitive, Root};
 
 /// A glTF's triangles in its own frame: right-handed, +Y up, metres.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -52,10 +54,6 @@ pub enum GltfImage {
 
 /// Extensions that change nothing of what is read here, or are read.
 const UNDERSTOOD: [&str; 2] = ["KHR_texture_transform", "KHR_lights_punctual"];
-
-/// Vertices and corners of triangles that the instances of a file's meshes may add up to, where the meshes
-/// themselves have fewer.
-const MOST_INSTANCED: usize = 1 << 26;
 
 /// Reads a `.gltf` or `.glb`. Meshes that nodes show several times are there several times, up to 2^26 vertices and
 /// corners in all. `load` gives the content of a file that a buffer names, relative to the
@@ -140,97 +138,6 @@ fn buffers<'b>(
             }
         })
         .collect()
-}
-
-/// The nodes of the scene with their `world_from_node`, parents first.
-fn placed_nodes(root: &Root) -> Result<Vec<(usize, DMat4)>, FormatError> {
-    let wrong = |index: usize, problem: &str| FormatError::new(format!("node {index}"), problem);
-    let roots: Vec<usize> = match root.scenes.get(root.scene.unwrap_or(0)) {
-        Some(scene) => scene.nodes.clone(),
-        None => {
-            let child = |index| root.nodes.iter().any(|node| node.children.contains(&index));
-            (0..root.nodes.len())
-                .filter(|&index| !child(index))
-                .collect()
-        }
-    };
-    let mut seen = vec![false; root.nodes.len()];
-    let mut placed = Vec::new();
-    let mut waiting: Vec<(usize, DMat4)> = roots
-        .into_iter()
-        .rev()
-        .map(|index| (index, DMat4::IDENTITY))
-        .collect();
-    while let Some((index, parent)) = waiting.pop() {
-        let Some(node) = root.nodes.get(index) else {
-            return Err(wrong(index, "expected a node, found none of this number"));
-        };
-        if std::mem::replace(&mut seen[index], true) {
-            return Err(wrong(
-                index,
-                "expected one parent, found it in two places of the scene",
-            ));
-        }
-        let matrix = parent * local(node);
-        if !matrix.is_finite() {
-            return Err(wrong(index, "expected a finite transform, found another"));
-        }
-        placed.push((index, matrix));
-        waiting.extend(node.children.iter().rev().map(|&child| (child, matrix)));
-    }
-    Ok(placed)
-}
-
-/// Refuses a file whose nodes show its meshes so often that a small file would fill the memory.
-fn check_instances(root: &Root, nodes: &[(usize, DMat4)], most: usize) -> Result<(), FormatError> {
-    let count = |accessor: usize| {
-        root.accessors
-            .get(accessor)
-            .map_or(0, |accessor| accessor.count)
-    };
-    let size = |mesh: usize| {
-        let primitives = root
-            .meshes
-            .get(mesh)
-            .into_iter()
-            .flat_map(|mesh| &mesh.primitives);
-        let accessors = primitives.flat_map(|p| {
-            p.attributes
-                .get("POSITION")
-                .copied()
-                .into_iter()
-                .chain(p.indices)
-        });
-        accessors.map(count).fold(0, usize::saturating_add)
-    };
-    let meshes = nodes.iter().filter_map(|&(node, _)| root.nodes[node].mesh);
-    let distinct: BTreeMap<usize, usize> = meshes.clone().map(|mesh| (mesh, size(mesh))).collect();
-    let once = distinct.values().copied().fold(0, usize::saturating_add);
-    let placed = meshes
-        .map(|mesh| distinct[&mesh])
-        .fold(0, usize::saturating_add);
-    if placed <= once.max(most) {
-        return Ok(());
-    }
-    let problem = format!(
-        "expected instances of meshes with at most {most} vertices and corners in all, found {placed} of meshes that \
-         have {once}: export the scene in parts"
-    );
-    Err(FormatError::new("nodes", problem))
-}
-
-fn local(node: &Node) -> DMat4 {
-    if let Some(matrix) = &node.matrix {
-        return DMat4::from_cols_array(matrix);
-    }
-    let scale = node.scale.map_or(DVec3::ONE, DVec3::from_array);
-    let rotation = node.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
-    let rotation = match rotation.length() > 0.0 {
-        true => rotation.normalize(),
-        false => DQuat::IDENTITY,
-    };
-    let translation = node.translation.map_or(DVec3::ZERO, DVec3::from_array);
-    DMat4::from_scale_rotation_translation(scale, rotation, translation)
 }
 
 /// What has been read so far.
