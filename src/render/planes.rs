@@ -163,18 +163,12 @@ impl Fresh {
     #[inline(always)]
     pub(crate) fn set_up(&mut self, window: &Window, (first, end): (usize, usize)) {
         let end = end.min(SIZE);
-        let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
         let [vs, ws, ts, doubts] = &mut self.at;
         let [[vx, wx, tx], [vy, wy, ty]] = &mut self.along;
         let [nx, ny, nz] = &mut self.normals;
         for i in first..end {
             let spot = [self.spots[0][i], self.spots[1][i]];
-            let corners = [
-                [ax[i], ay[i], az[i]],
-                [bx[i], by[i], bz[i]],
-                [cx[i], cy[i], cz[i]],
-            ];
-            let glimpse = Glimpse::new(corners, spot, window.reach);
+            let glimpse = Glimpse::new(corners_of(&self.corners, i), spot, window.reach);
             let ([v, w, t], normal) = (glimpse.functions, glimpse.normal);
             let scale = 1.0 / glimpse.volume;
             let edge = most(glimpse.size, glimpse.deep);
@@ -212,18 +206,12 @@ impl Fresh {
     #[inline(always)]
     pub(crate) fn see(&mut self, reach: f64, (first, end): (usize, usize)) {
         let end = end.min(SIZE);
-        let [ax, ay, az, bx, by, bz, cx, cy, cz] = &self.corners;
         let [low, high] = &mut self.depths;
         let [vs, ws] = &mut self.weights;
         let [nx, ny, nz] = &mut self.normals;
         for i in first..end {
             let spot = [self.spots[0][i], self.spots[1][i]];
-            let corners = [
-                [ax[i], ay[i], az[i]],
-                [bx[i], by[i], bz[i]],
-                [cx[i], cy[i], cz[i]],
-            ];
-            let glimpse = Glimpse::new(corners, spot, reach);
+            let glimpse = Glimpse::new(corners_of(&self.corners, i), spot, reach);
             let [v, w, t] = glimpse.functions;
             let over = 1.0 / t;
             let depth = glimpse.volume * over;
@@ -386,6 +374,17 @@ impl Glimpse {
         let [x, y, z] = self.normal;
         [x * unit, y * unit, z * unit]
     }
+}
+
+/// The corners of one of the triangles whose columns are given: x, y and z of each.
+#[inline(always)]
+fn corners_of(columns: &[[f64; SIZE]; 9], i: usize) -> [[f64; 3]; 3] {
+    let [ax, ay, az, bx, by, bz, cx, cy, cz] = columns;
+    [
+        [ax[i], ay[i], az[i]],
+        [bx[i], by[i], bz[i]],
+        [cx[i], cy[i], cz[i]],
+    ]
 }
 
 /// Four of a column's numbers from one on, or the last four.
