@@ -6,12 +6,13 @@ use std::cmp::Ordering;
 /// Corners up to which a concave polygon is cut properly; beyond, it becomes a fan.
 const MOST_CORNERS: usize = 1024;
 
-/// Triangles, as indices into `corners`, that fill a polygon without crossing its outline: a fan
-/// where the polygon is convex, else ears cut off one by one (Meisters, "Polygons have ears",
-/// 1975). Outlines that cross themselves come out as a fan of what is left.
+/// Triangles, as indices into `corners`, that fill a polygon without crossing its outline: of a convex one with
+/// four corners the halves beside its shorter diagonal (as tinyobjloader has it), of one with more a fan, else
+/// ears cut off one by one (Meisters, "Polygons have ears", 1975). Outlines that cross themselves come out as a
+/// fan of what is left.
 ///
 /// The same polygon is cut the same whichever corner is listed first and whichever way round, so that the two
-/// sides of a face are cut alike.
+/// sides of a face are cut alike. Each triangle begins at the first listed of its corners, and so does the list.
 pub(crate) fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
     if corners.len() == 3 {
         return vec![[0, 1, 2]];
@@ -20,16 +21,16 @@ pub(crate) fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
     let order: Vec<usize> = walk(corners.len(), start, way).collect();
     let outline: Vec<DVec3> = order.iter().map(|&corner| corners[corner]).collect();
     let mut triangles = cut(&outline);
-    if way == Way::Backward {
-        triangles.reverse();
-    }
     for triangle in &mut triangles {
         let [a, b, c] = triangle.map(|corner| order[corner]);
         *triangle = match way {
             Way::Forward => [a, b, c],
             Way::Backward => [a, c, b],
         };
+        let least = (0..3).min_by_key(|&corner| triangle[corner]);
+        triangle.rotate_left(least.unwrap_or_default());
     }
+    triangles.sort_unstable();
     triangles
 }
 
@@ -78,6 +79,12 @@ fn beginning(corners: &[DVec3]) -> (usize, Way) {
 fn cut(corners: &[DVec3]) -> Vec<[usize; 3]> {
     let flat = flattened(corners);
     let mut left: Vec<usize> = (0..corners.len()).collect();
+    if let &[a, b, c, d] = corners
+        && is_convex(&flat, &left)
+        && b.distance_squared(d) < a.distance_squared(c)
+    {
+        return vec![[0, 1, 3], [1, 2, 3]];
+    }
     let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
     if corners.len() <= MOST_CORNERS {
         while left.len() > 3 && !is_convex(&flat, &left) {
@@ -167,6 +174,25 @@ mod tests {
     fn convex_polygons_become_fans() {
         let square = lifted(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]);
         assert_eq!(triangulate(&square), [[0, 1, 2], [0, 2, 3]]);
+        let house = lifted(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.5, 2.0), (0.0, 1.0)]);
+        assert_eq!(triangulate(&house), [[0, 1, 2], [0, 2, 3], [0, 3, 4]]);
+    }
+
+    /// Both halves of a kite beside its shorter diagonal, from any corner and either way round.
+    #[test]
+    fn four_corners_are_cut_along_the_shorter_diagonal() {
+        let kite = lifted(&[(0.0, 0.0), (3.0, -1.0), (9.0, 0.0), (3.0, 1.0)]);
+        for start in 0..4 {
+            let mut listed = kite.clone();
+            listed.rotate_left(start);
+            let across = match start % 2 {
+                0 => [[0, 1, 3], [1, 2, 3]],
+                _ => [[0, 1, 2], [0, 2, 3]],
+            };
+            assert_eq!(triangulate(&listed), across, "from {start}");
+            listed[1..].reverse();
+            assert_eq!(triangulate(&listed), across, "from {start}, backward");
+        }
     }
 
     /// Triangles by the places of their corners, from the least one on, and their winding with respect to +Z.

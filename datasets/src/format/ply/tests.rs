@@ -310,7 +310,7 @@ fn convex_faces_are_cut_into_fans() {
     .mesh;
     assert_eq!(
         mesh.triangles(),
-        [[4, 0, 1], [4, 1, 2], [4, 2, 3], [4, 3, 2]]
+        [[0, 1, 4], [1, 2, 4], [2, 3, 4], [4, 3, 2]]
     );
     let coords = mesh.texture_coords().unwrap()[3];
     assert_eq!(
