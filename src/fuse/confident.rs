@@ -2,7 +2,7 @@
 
 use super::inputs::DepthMaps;
 use super::options::FuseOptions;
-use super::samples::{SIDE, Samples, confidence, leave_out, threshold};
+use super::samples::{SIDE, Samples, confidence, put_confident, threshold};
 use crate::error::Result;
 use std::ops::Range;
 
@@ -98,9 +98,9 @@ impl Confident {
                 continue;
             }
             let own = &mut own[SIDE + extent.start - first..][..extent.len()];
-            own.copy_from_slice(samples.part(row, extent.clone()));
+            let stored = samples.part(row, extent.clone());
             let confidences = &self.confidences[row * width..][extent];
-            let left_out = leave_out(own, confidences, self.least);
+            let left_out = put_confident((stored, confidences), self.least, own);
             unconfident += if rows.contains(&row) { left_out } else { 0 };
         }
         let values = room.as_slice();
@@ -116,8 +116,10 @@ impl Confident {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fuse::samples::{Unit, keep_confident};
-    use mvs_datasets::scene::Raster;
+    use crate::fuse::samples::{Filters, prepare};
+    use crate::fuse::testing::arc;
+    use glam::DVec3;
+    use mvs_datasets::scene::{DepthMap, Raster, View};
 
     /// Band by band it is what it is at once, within extents that are known and without.
     #[test]
@@ -133,22 +135,29 @@ mod tests {
         };
         let depths: Vec<f32> = (0..width * height).map(depth).collect();
         let confidences: Vec<f32> = (0..width * height).map(confidence).collect();
-        let confidence = Raster::from_values(width, height, confidences.clone()).unwrap();
         let options = FuseOptions {
             min_confidence: 0.5,
             ..FuseOptions::default()
         };
-        let samples = Samples::new((width, height), Unit::Depth, &depths);
-        let whole = keep_confident(samples.clone(), Some(&confidence), &options);
+        let mut estimates = arc(2, (width, height), DVec3::ZERO, |_: &View, _| 1.0);
+        estimates[0].depth = DepthMap::from_values(width, height, depths.clone())
+            .unwrap()
+            .0;
+        estimates[0].confidence = Raster::from_values(width, height, confidences.clone()).ok();
+        let whole = prepare(&estimates.as_slice(), 0, &options, Filters::All).unwrap();
         for (at, (&depth, &confidence)) in depths.iter().zip(&confidences).enumerate() {
+            let kept = if confidence >= 0.5 { depth } else { 0.0 };
             let stored = whole.get(at % 150, at / 150);
-            assert_eq!(stored, if confidence >= 0.5 { depth } else { 0.0 });
+            assert_eq!(stored, whole.unit().convert(kept));
         }
         let confident = Confident {
             confidences,
             least: 0.5,
         };
         let narrow = |row: u32| if row == 5 { 0..0 } else { 0..64 };
+        let unit = whole.unit();
+        let inverse: Vec<f32> = depths.iter().map(|&depth| unit.convert(depth)).collect();
+        let samples = Samples::new((width, height), unit, &inverse);
         let samples = samples.within((0..height).map(narrow).collect());
         let mut unconfident = 0;
         for rows in [0..3, 3..4, 4..7] {

@@ -286,18 +286,24 @@ impl Samples {
     }
 }
 
-/// Leaves out what has less than the `least` confidence or none; how many that were.
-pub(super) fn leave_out(row: &mut [f32], confidences: &[f32], least: f32) -> u64 {
+/// Puts stored values into `to`, zeros, but for what has less than the `least` confidence or none; how many
+/// depths that were.
+pub(super) fn put_confident(
+    (stored, confidences): (&[f32], &[f32]),
+    least: f32,
+    to: &mut [f32],
+) -> u64 {
     let mut unconfident = 0u64;
-    for (row, confidences) in row.chunks_mut(RUN).zip(confidences.chunks(RUN)) {
-        if is_empty(row) {
+    let known = stored.chunks(RUN).zip(confidences.chunks(RUN));
+    for ((stored, confidences), to) in known.zip(to.chunks_mut(RUN)) {
+        if is_empty(stored) {
             continue;
         }
         let mut some = 0u32;
-        for (stored, &confidence) in row.iter_mut().zip(confidences) {
+        for ((&stored, &confidence), to) in stored.iter().zip(confidences).zip(to) {
             let kept = confidence >= least;
-            some += u32::from((*stored > 0.0) & !kept);
-            *stored = if kept { *stored } else { 0.0 };
+            some += u32::from((stored > 0.0) & !kept);
+            *to = if kept { stored } else { 0.0 };
         }
         unconfident += u64::from(some);
     }
@@ -362,23 +368,29 @@ pub(super) fn prepare(
         let kept = pixels.zip(from);
         found.extend(kept.map(|(pixel, &depth)| filter.keep(pixel, unit, depth, &mut counts)));
     })?;
+    let known = match filters {
+        Filters::All => confidence(maps, index)?,
+        Filters::Depth => None,
+    };
+    let known = (known.as_ref()).map(|known| (known.values(), threshold(known, options)));
     let shape = Shape::of(extents);
     let mut values = shape.zeros();
     let mut rest = found.as_slice();
     for (row, first, len) in runs {
         let (run, more) = rest.split_at(len);
-        values[shape.place(first, row)..][..len].copy_from_slice(run);
+        let to = &mut values[shape.place(first, row)..][..len];
+        match known {
+            Some((known, least)) => {
+                let known = &known[row * width + first..][..len];
+                counts.unconfident += put_confident((run, known), least, to);
+            }
+            None => to.copy_from_slice(run),
+        }
         rest = more;
     }
     let mut samples = Samples::of_shape(size, unit, Arc::new(shape), Arc::new(values));
     samples.left_out = counts;
-    match filters {
-        Filters::All => {
-            let confidence = confidence(maps, index)?;
-            Ok(keep_confident(samples, confidence.as_ref(), options))
-        }
-        Filters::Depth => Ok(samples),
-    }
+    Ok(samples)
 }
 
 /// Adds the stored values of depths to `found`; how many have none.
@@ -400,31 +412,6 @@ fn widen(extent: &mut Extent, first: usize, len: usize) {
         extent.start
     };
     *extent = start..(first + len) as u32;
-}
-
-/// `samples` of a view of this `confidence` through the last filter: without what has too little of it or
-/// none.
-pub(super) fn keep_confident(
-    mut samples: Samples,
-    confidence: Option<&Raster<f32>>,
-    options: &FuseOptions,
-) -> Samples {
-    let Some(confidence) = confidence else {
-        return samples;
-    };
-    let least = threshold(confidence, options);
-    let shape = Arc::clone(&samples.shape);
-    // Copies them where others use them too.
-    let values = Arc::make_mut(&mut samples.values);
-    for (row, (extent, confidences)) in shape.extents.iter().zip(confidence.rows()).enumerate() {
-        let extent = extent.start as usize..extent.end as usize;
-        if extent.is_empty() {
-            continue;
-        }
-        let own = &mut values[shape.place(extent.start, row)..][..extent.len()];
-        samples.left_out.unconfident += leave_out(own, &confidences[extent], least);
-    }
-    samples
 }
 
 /// A view's confidence, checked.
