@@ -12,7 +12,8 @@ use std::path::PathBuf;
 /// and as bad), absolute and relative, inliers at 1.03, density, and the area under the
 /// sparsification error where there is confidence; per view and for the scene. Views without a depth
 /// map, or whose map has no depth where the truth counts, count as density 0, make the means partial and
-/// the exit code 1.
+/// the exit code 1; so does a truth that counts nowhere. Views whose truth counts nowhere are told of, and are in
+/// no mean.
 ///
 /// Example: mvs-eval depth --truth scene --estimates estimates --out depth
 #[derive(Debug, Args, Serialize)]
@@ -69,5 +70,7 @@ pub(crate) fn execute(job: &DepthJob, global: &Global) -> anyhow::Result<Verdict
         add(format!("{mark}mean over pixels"), &scene.mean_over_pixels);
         table
     })?;
-    Ok(Verdict::failed_if(outcome.scene.partial))
+    let scene = &outcome.scene;
+    let nothing = scene.mean_over_views.epe.is_none();
+    Ok(Verdict::failed_if(scene.partial || nothing))
 }

@@ -34,7 +34,8 @@ struct Witnesses {
     close: [u32; BLOCK],
     /// Sources that see the point's place, nothing in front of it, and do not agree.
     against: [u32; BLOCK],
-    /// Sources on whose image the point lies, where they have no depth.
+    /// Sources on whose image the point lies, or less than half a pixel beyond it (as far as depths are sampled),
+    /// where they have no depth.
     silent: [u32; BLOCK],
 }
 

@@ -250,6 +250,11 @@ impl Entries for BlockPoints<'_> {
     fn extras(&self, i: usize) -> (u32, f32) {
         (self.consensus.violations[i], self.room.scale[i])
     }
+
+    #[inline(always)]
+    fn pixel(&self, i: usize) -> u32 {
+        self.block.pixel[i]
+    }
 }
 
 /// Entries that are copied at a time.

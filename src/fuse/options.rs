@@ -32,8 +32,8 @@ pub struct FuseOptions {
     pub min_sources: usize,
     /// Lower `min_sources` to ⌈0.6 · available sources⌉ where that is less, never under 2. And where
     /// hardly anybody sees a point, let two sources do that agree within half the bounds: every
-    /// other one has it beyond its image or sees something in front of it; up to two may have no
-    /// depth there.
+    /// other one has it beyond its image by half a pixel or more, or sees something in front of it;
+    /// up to two may have no depth there.
     pub soften: bool,
     /// How a source's depth map is sampled between pixel centres.
     pub sampling: Sampling,

@@ -59,8 +59,10 @@ pub struct Points {
     pub colors: Vec<[u8; 3]>,
     /// Distinct views that agree, the reference counted.
     pub view_counts: Vec<u32>,
-    /// The reference pixel's confidence.
+    /// The reference pixel's confidence; 0 where that is too little, and the depth was filled in from others.
     pub confidences: Vec<f32>,
+    /// The reference's pixels, row-major; empty where points are of no single pixel.
+    pub pixels: Vec<u32>,
     /// Views that see through the point.
     pub violations: Vec<u32>,
     /// Depth over focal length: what a reference pixel spans at the point, in world units.
@@ -87,6 +89,7 @@ impl Points {
         let (violations, scale) = points.extras(i);
         self.violations.push(violations);
         self.scales.push(scale);
+        self.pixels.push(points.pixel(i));
         if columns.has(Columns::NORMALS) {
             self.normals.push(points.normal(i).into());
         }
@@ -107,6 +110,7 @@ impl Points {
         self.confidences.append(&mut other.confidences);
         self.violations.append(&mut other.violations);
         self.scales.append(&mut other.scales);
+        self.pixels.append(&mut other.pixels);
         self.visible_in.append(&mut other.visible_in);
     }
 
@@ -119,6 +123,7 @@ impl Points {
         self.confidences.clear();
         self.violations.clear();
         self.scales.clear();
+        self.pixels.clear();
         self.visible_in.clear();
     }
 

@@ -31,6 +31,8 @@ pub(super) trait Entries {
     fn confidence(&self, i: usize) -> f32;
     /// Violations and scale.
     fn extras(&self, i: usize) -> (u32, f32);
+    /// The reference's, row-major.
+    fn pixel(&self, i: usize) -> u32;
 }
 
 /// Points of some rows of a map, as rows of bytes; the memory is used again.
@@ -159,6 +161,10 @@ impl Entries for Points {
 
     fn extras(&self, i: usize) -> (u32, f32) {
         (self.violations[i], self.scales[i])
+    }
+
+    fn pixel(&self, i: usize) -> u32 {
+        self.pixels[i]
     }
 }
 

@@ -104,7 +104,8 @@ pub(super) struct Look {
     pub(super) through: bool,
     /// Whether the nearest pixel has a depth that is not in front of the hypothesis.
     pub(super) judges: bool,
-    /// Whether the hypothesis projects into the map, where the nearest pixel has no depth.
+    /// Whether the hypothesis projects into the map, or less than half a pixel beyond it, where the nearest pixel
+    /// has no depth.
     pub(super) silent: bool,
 }
 

@@ -12,7 +12,7 @@ use crate::warning::Warning;
 use mvs_datasets::format::image;
 use mvs_datasets::layout::blended::BlendedFolder;
 use mvs_datasets::layout::{files, mvsnet};
-use mvs_datasets::scene::{ColorImage, DepthMap, Raster, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, Raster, RejectedDepths, View};
 use mvs_metrics::depth::{Alignment, DepthErrors, DepthPlanes};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
@@ -109,7 +109,7 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
         context.progress.check()?;
         let row = match there[index] {
             true => one_view(job, &folder, &all[index], (out.as_ref(), context))?,
-            false => missing_view(job, &folder, &all[index], out.as_ref())?,
+            false => missing_view(job, &folder, &all[index], (out.as_ref(), context))?,
         };
         context.progress.advance(1);
         Ok(row)
@@ -172,12 +172,9 @@ fn one_view(
     let name = mvsnet::file_name(view.id, ".pfm");
     let path = job.estimates.join(&name);
     let (estimate, rejected) = files::read_depth(&path)?;
-    if rejected.total() > 0 {
-        let (path, count) = (path.display(), rejected.total());
-        let message = format!("{path}: {count} NaN, infinite or negative depths count as none");
-        context.warnings.add("bad-depth", message);
-    }
-    let truth = at_size(&folder.read_depth(view.id)?.0, estimate.size(), &path)?;
+    warn_of(&path, rejected, context);
+    let truth = true_depth(folder, view, context)?;
+    let truth = at_size(&truth, estimate.size(), &path)?;
     let confidence = match &job.confidence {
         Some(folder) => Some(read_confidence(&folder.join(&name), estimate.size())?),
         None => None,
@@ -201,13 +198,27 @@ fn missing_view(
     job: &DepthJob,
     folder: &BlendedFolder,
     view: &View,
-    out: Option<&OutDir>,
+    (out, context): (Option<&OutDir>, &Context<'_>),
 ) -> Result<DepthRow> {
     let planes = planes_of(job, folder, view)?;
-    let truth = folder.read_depth(view.id)?.0;
+    let truth = true_depth(folder, view, context)?;
     let (row, errors) = score_missing(view.id, truth.values(), &planes)?;
     write_picture(out, view, || picture(truth.raster(), &planes, &errors))?;
     Ok(row)
+}
+
+fn true_depth(folder: &BlendedFolder, view: &View, context: &Context<'_>) -> Result<DepthMap> {
+    let (truth, rejected) = folder.read_depth(view.id)?;
+    warn_of(&folder.depth(view.id), rejected, context);
+    Ok(truth)
+}
+
+fn warn_of(path: &Path, rejected: RejectedDepths, context: &Context<'_>) {
+    if rejected.total() > 0 {
+        let (path, count) = (path.display(), rejected.total());
+        let message = format!("{path}: {count} NaN, infinite or negative depths count as none");
+        context.warnings.add("bad-depth", message);
+    }
 }
 
 /// Makes and writes the picture of a view's errors, where there is a folder for it.

@@ -247,3 +247,29 @@ fn what_cannot_be_compared_is_named() {
     );
     refused(&arguments(folder.path(), &["--planes", "2"]), "planes");
 }
+
+/// Numbers that are no depths are told of in the truth as in estimates; a truth that counts nowhere is no success.
+#[test]
+fn what_is_wrong_with_the_truth_is_said() {
+    let folder = scene();
+    let truth = folder.path().join("rendered_depth_maps");
+    let values = [f32::NAN, 4.0, f32::INFINITY, 4.0, -1.0, 4.0, 4.0, 4.0];
+    for (id, there) in [(0, true), (5, false)] {
+        put(&truth, id, (4, 2), &values);
+        let output = run(&arguments(folder.path(), &[]));
+        let name = mvsnet::file_name(id, ".pfm");
+        let said = format!("{name}: 3 NaN, infinite or negative depths");
+        assert!(
+            stderr(&output).contains(&said),
+            "{there} {}",
+            stderr(&output)
+        );
+    }
+    for id in [0, 2, 5] {
+        put(&truth, id, (4, 2), &[8.5; 8]);
+        put(&folder.path().join("estimates"), id, (4, 2), &[8.5; 8]);
+    }
+    let answer = answer(&arguments(folder.path(), &["--format", "json"]));
+    assert_eq!(answer["scene"]["partial"], false);
+    assert!(answer["scene"]["mean_over_views"]["epe"].is_null());
+}

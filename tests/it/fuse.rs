@@ -167,6 +167,13 @@ fn merrells_rules_run_on_the_noisy_scene() {
             outcome.counts.filled > 0 && cloud.len() > median.len() / 2,
             "{visibility:?}"
         );
+        // What was filled in at pixels of too little confidence has none of theirs.
+        let confidences = cloud.confidences().unwrap();
+        let own = |confidence: &&f32| **confidence >= job.fuse.min_confidence;
+        let none = confidences.iter().filter(|&&confidence| confidence == 0.0);
+        let none = none.count();
+        assert!(none > 0, "{visibility:?}");
+        assert_eq!(confidences.iter().filter(own).count() + none, cloud.len());
         let error = median_distance(&scene, cloud.positions());
         let bound = 2.0 * median_distance(&scene, median.positions());
         assert!(error < bound, "{visibility:?} {error:e} {bound:e}");
@@ -393,6 +400,17 @@ fn filtered_depths_are_the_fused_pixels_and_several_confidences_the_smallest() {
         }
     }
     assert_eq!(kept as u64, outcome.counts.fused);
+    // `gipuma` moves points beyond their pixels; each is in the map all the same.
+    let geo = std::mem::replace(&mut job.fuse, FuseOptions::of(FuseMode::Gipuma));
+    (job.fuse.max_disparity_error, job.fuse.min_sources) = (2.0, 1);
+    let outcome = fuse(&job, true).unwrap();
+    let depths = scene.scene().views().iter().map(|view| {
+        let name = mvsnet::file_name(view.id, ".pfm");
+        let (found, _) = files::read_depth(&filtered.join(&name)).unwrap();
+        found.valid_count() as u64
+    });
+    assert_eq!(depths.sum::<u64>(), outcome.counts.fused);
+    job.fuse = geo;
     // A second confidence of fewer pixels that forbids the left half.
     let strict = folder.path().join("strict");
     for view in scene.scene().views() {

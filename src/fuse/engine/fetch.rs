@@ -11,7 +11,7 @@ use crate::fuse::options::Colors;
 use crate::fuse::points::Columns;
 use crate::fuse::reference::{Finish, Reference};
 use crate::fuse::rules::Rule;
-use crate::fuse::samples::{Filters, Samples, Unit, confidence, prepare};
+use crate::fuse::samples::{Filters, Samples, Unit, confidence, prepare, threshold};
 use crate::fuse::source::{Photo, Source, SourceImage};
 
 impl Engine<'_> {
@@ -112,6 +112,12 @@ impl Engine<'_> {
         let mut own = None;
         if reference.confident.is_none() && columns.has(Columns::CONFIDENCES) {
             own = confidence(maps, index)?;
+        }
+        if let Some(own) = &mut own {
+            // Only depths that were filled in are at pixels of too little, and theirs it is not.
+            let least = threshold(own, self.options);
+            let own = own.values_mut().iter_mut();
+            own.for_each(|own| *own = if *own >= least { *own } else { 0.0 });
         }
         let normals = maps
             .normals(index)?

@@ -135,19 +135,16 @@ impl DepthFolder {
         }
     }
 
-    /// Puts points of the next view at the pixels that they came from.
+    /// Puts the depths of points of the next view at the pixels that they came from, from which `gipuma` moves
+    /// them.
     fn add(&mut self, points: &Points, maps: &FolderMaps<'_>) -> Result<()> {
         let mut map = self.map(maps)?;
         let view = maps.view(self.done);
-        for &position in &points.positions {
-            let in_cam = view.pose.to_cam(position);
-            let Some(pixel) = view.camera.project(in_cam) else {
-                continue;
-            };
-            let pixel = pixel.floor().as_uvec2(); // saturates
-            let (column, row) = (pixel.x.min(map.width() - 1), pixel.y.min(map.height() - 1));
+        for (&position, &pixel) in points.positions.iter().zip(&points.pixels) {
+            let depth = view.pose.to_cam(position).z;
+            let (column, row) = (pixel % map.width(), pixel / map.width());
             #[allow(clippy::cast_possible_truncation, reason = "depths are f32")]
-            map.set(column, row, in_cam.z as f32);
+            map.set(column, row, depth as f32);
         }
         self.map = Some(map);
         Ok(())
