@@ -57,7 +57,8 @@ pub struct FuseJob {
     /// Merge the points of each voxel of this edge (world units) into one, as
     /// [`VoxelSink`] says; 0 for no merging.
     pub voxel: f64,
-    /// Write `<out>.vis` too: which views see each point, in COLMAP's format.
+    /// Write `<out>.vis` too: which views see each point, in COLMAP's format. Views are counted from 0: by
+    /// ascending id, in a workspace as COLMAP counts its images (`sparse::registered_names`).
     pub vis: bool,
     /// A folder for the depths that became points, `<id>.pfm`, 0 = none.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -11,7 +11,7 @@ use mvs_datasets::format::colmap::dense;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::workspace::StereoPass;
 use mvs_datasets::layout::{files, mvsnet};
-use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, Raster, View};
+use mvs_datasets::scene::{ColorImage, DepthMap, DepthRange, PointCloud, Raster, View};
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
 use mvs_eval::fuse::{FuseMode, FuseOptions, Sampling, Visibility};
 use mvs_eval::jobs::Context;
@@ -305,6 +305,26 @@ fn visible_points(scene: &SyntheticScene) -> Vec<DVec3> {
     pixels.filter_map(point).collect()
 }
 
+/// The views that see each point of `cloud.ply`.
+fn visible_in(folder: &Path, cloud: &PointCloud) -> Vec<Vec<u32>> {
+    let bytes = std::fs::read(folder.join("cloud.ply.vis")).unwrap();
+    assert_eq!(bytes[..8], (cloud.len() as u64).to_le_bytes());
+    let words = bytes[8..].as_chunks::<4>().0.iter();
+    let mut words = words.map(|&word| u32::from_le_bytes(word));
+    let mut views = |&count: &u32| {
+        assert_eq!(words.next(), Some(count));
+        words.by_ref().take(count as usize).collect()
+    };
+    let all = cloud
+        .view_counts()
+        .unwrap()
+        .iter()
+        .map(&mut views)
+        .collect();
+    assert_eq!(words.next(), None);
+    all
+}
+
 #[test]
 fn a_colmap_workspace_with_maps_smaller_than_its_images_fuses_onto_the_surface() {
     let scene = scene();
@@ -358,22 +378,40 @@ fn a_colmap_workspace_with_maps_smaller_than_its_images_fuses_onto_the_surface()
             .iter()
             .all(|normal| toward(normal) > 0.999_999)
     );
-    // Images are counted by their COLMAP ids, the first of which is left out.
-    let bytes = std::fs::read(folder.path().join("cloud.ply.vis")).unwrap();
-    let mut words = bytes[8..]
-        .as_chunks::<4>()
-        .0
-        .iter()
-        .map(|&word| u32::from_le_bytes(word));
-    assert_eq!(bytes[..8], (cloud.len() as u64).to_le_bytes());
-    for &count in cloud.view_counts().unwrap() {
-        assert_eq!(words.next(), Some(count));
-        let mut views: Vec<u32> = words.by_ref().take(count as usize).collect();
+    // Images are counted as they are listed, the first of which is left out.
+    let listed = visible_in(folder.path(), &cloud);
+    for views in &listed {
+        let mut views = views.clone();
         views.sort_unstable();
         assert!(views.iter().all(|view| (1..12).contains(view)), "{views:?}");
         assert!(views.windows(2).all(|pair| pair[0] < pair[1]), "{views:?}");
     }
-    assert_eq!(words.next(), None);
+    let turned = |views: &Vec<u32>| views.iter().map(|view| 11 - view).collect::<Vec<u32>>();
+    let turned: Vec<Vec<u32>> = listed.iter().map(turned).collect();
+    // Listed the other way round, they are counted so; where there are frames, as those are listed.
+    let images = folder.path().join("sparse/images.txt");
+    let text = std::fs::read_to_string(&images).unwrap();
+    let mut rows: Vec<&str> = text.lines().collect();
+    rows.reverse();
+    let rows: Vec<String> = (rows.chunks(2))
+        .map(|pair| format!("{}\n{}\n", pair[1], pair[0]))
+        .collect();
+    crate::support::write(&images, rows.concat().as_bytes());
+    fuse(&job, true).unwrap();
+    assert_eq!(visible_in(folder.path(), &cloud), turned);
+    let frame = |index| format!("{index} 1 1 0 0 0 0 0 0 1 CAMERA 3 {}\n", 7 * index + 3);
+    let frames: String = (0..12).map(frame).collect();
+    crate::support::write(&folder.path().join("sparse/frames.txt"), frames.as_bytes());
+    fuse(&job, true).unwrap();
+    assert_eq!(visible_in(folder.path(), &cloud), listed);
+    let twice = frames.replacen("CAMERA 3 3", "CAMERA 3 10", 1);
+    crate::support::write(&folder.path().join("sparse/frames.txt"), twice.as_bytes());
+    let message = fuse(&job, true).unwrap_err().to_string();
+    assert!(
+        message.contains("frames.txt") && message.contains("once"),
+        "{message}"
+    );
+    std::fs::remove_file(folder.path().join("sparse/frames.txt")).unwrap();
     job.stereo = StereoPass::Photometric;
     let message = fuse(&job, true).unwrap_err().to_string();
     assert!(message.contains("photometric.bin, found none"), "{message}");

@@ -237,13 +237,10 @@ pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Mode
     }
     let binary = colmap_ending(folder) == Some("bin");
     let [cameras_path, images_path, points_path] = model_files(folder);
+    let images = read_images(folder)?;
     let cameras = match binary {
         true => files::read_with(&cameras_path, colmap::read_cameras_binary)?,
         false => files::read_text_with(&cameras_path, colmap::read_cameras_text)?,
-    };
-    let images = match binary {
-        true => files::read_with(&images_path, colmap::read_images_binary)?,
-        false => files::read_text_with(&images_path, colmap::read_images_text)?,
     };
     let points = match (points_path.is_file(), binary) {
         (false, _) => Vec::new(),
@@ -256,6 +253,15 @@ pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Mode
         points,
         images_path,
     })
+}
+
+/// The images of the model in `folder`, as they are listed.
+pub(super) fn read_images(folder: &Path) -> Result<Vec<ColmapImage>> {
+    let [_, path, _] = model_files(folder);
+    match colmap_ending(folder) == Some("bin") {
+        true => files::read_with(&path, colmap::read_images_binary),
+        false => files::read_text_with(&path, colmap::read_images_text),
+    }
 }
 
 fn cameras_by_id(cameras: &[ColmapCamera]) -> Result<BTreeMap<u32, Camera>, FormatError> {

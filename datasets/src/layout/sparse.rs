@@ -1,11 +1,13 @@
 //! A COLMAP model with its points: which view saw which.
 
-use super::cameras::{CamerasOptions, model_place, read_model};
+use super::cameras::{CamerasOptions, colmap_ending, model_place, read_images, read_model};
+use super::files;
 use crate::error::{Error, Result};
+use crate::format::colmap;
 use crate::scene::View;
 use glam::DVec3;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Views, points and who saw what.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,8 +18,6 @@ pub struct SparseModel {
     pub points: Vec<DVec3>,
     /// Per view the places in `points` of those it saw, ascending, each once.
     pub seen: Vec<Vec<usize>>,
-    /// Per view its place among the model's images by their COLMAP ids.
-    pub places: Vec<u32>,
 }
 
 /// Reads the COLMAP model at or under `path`, binary or text, whatever its ids.
@@ -25,11 +25,7 @@ pub struct SparseModel {
 /// # Errors
 /// Files that cannot be read, and a model without points or whose images saw none of them.
 pub fn read_sparse(path: &Path, options: &CamerasOptions) -> Result<SparseModel> {
-    let Some(place) = model_place(path) else {
-        let problem = "expected a COLMAP model (cameras, images and points3D as .bin or .txt; \
-             here, in sparse/0, sparse or colmap), found none";
-        return Err(Error::layout(path, problem));
-    };
+    let place = place_of(path)?;
     let model = read_model(&place, options)?;
     let places: BTreeMap<u64, usize> = model.points.iter().map(|point| point.id).zip(0..).collect();
     let seen = model.images.iter().map(|image| {
@@ -39,28 +35,62 @@ pub fn read_sparse(path: &Path, options: &CamerasOptions) -> Result<SparseModel>
         seen.dedup();
         seen
     });
-    let mut ids: Vec<u32> = model.images.iter().map(|image| image.id).collect();
-    ids.sort_unstable();
-    let image_ids = model.images.iter().map(|image| image.id);
-    let places_by_id = image_ids.map(|id| ids.partition_point(|&other| other < id));
-    let mut rows: Vec<(View, (Vec<usize>, u32))> = model
-        .views()?
-        .into_iter()
-        .zip(seen.zip(places_by_id.map(|place| u32::try_from(place).unwrap_or(u32::MAX))))
-        .collect();
+    let mut rows: Vec<(View, Vec<usize>)> = model.views()?.into_iter().zip(seen).collect();
     rows.sort_by_key(|(view, _)| view.id);
-    if rows.iter().all(|(_, (seen, _))| seen.is_empty()) {
+    if rows.iter().all(|(_, seen)| seen.is_empty()) {
         let problem = format!(
             "expected images that saw points of points3D, found {} points and none seen",
             model.points.len()
         );
         return Err(Error::layout(place, problem));
     }
-    let (views, (seen, places)) = rows.into_iter().unzip();
+    let (views, seen) = rows.into_iter().unzip();
     Ok(SparseModel {
         views,
         points: model.points.iter().map(|point| point.position).collect(),
         seen,
-        places,
+    })
+}
+
+/// The names of the images of the model at or under `path`, in the order by which COLMAP's dense files
+/// count them: that of the frames' file where the model has one, within a frame by sensor, else that of
+/// the images' file.
+///
+/// # Errors
+/// Files that cannot be read, and frames that do not have each image of the model once.
+pub fn registered_names(path: &Path) -> Result<Vec<String>> {
+    let place = place_of(path)?;
+    let images = read_images(&place)?;
+    let ending = colmap_ending(&place).unwrap_or("txt");
+    let frames_path = place.join(format!("frames.{ending}"));
+    if !frames_path.is_file() {
+        return Ok(images.into_iter().map(|image| image.name).collect());
+    }
+    let order = match ending {
+        "bin" => files::read_with(&frames_path, colmap::read_frames_binary)?,
+        _ => files::read_text_with(&frames_path, colmap::read_frames_text)?,
+    };
+    let count = images.len();
+    let images = images.into_iter().map(|image| (image.id, image.name));
+    let mut names: BTreeMap<u32, String> = images.collect();
+    let ordered: Vec<String> = order.iter().filter_map(|id| names.remove(id)).collect();
+    if ordered.len() != count || order.len() != count {
+        let problem = format!(
+            "expected each of the {count} images of images.{ending} once, found {} images, {} of them \
+             once: it is of another model; write both anew with COLMAP, or leave it and the rigs' file out",
+            order.len(),
+            ordered.len()
+        );
+        return Err(Error::layout(frames_path, problem));
+    }
+    Ok(ordered)
+}
+
+/// Where at or under `path` the model lies.
+fn place_of(path: &Path) -> Result<PathBuf> {
+    model_place(path).ok_or_else(|| {
+        let problem = "expected a COLMAP model (cameras, images and points3D as .bin or .txt; \
+             here, in sparse/0, sparse or colmap), found none";
+        Error::layout(path, problem)
     })
 }

@@ -1,7 +1,7 @@
 //! COLMAP's side car of a fused cloud: which images see each point.
 //!
 //! `u64` number of points, then per point `u32` number of images and as many `u32` places of images
-//! in the model, little-endian.
+//! in the model as COLMAP counts them ([`super::sparse::registered_names`]), little-endian.
 
 use super::blocks::BlockWriter;
 use super::files::temporary_file;

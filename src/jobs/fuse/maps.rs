@@ -42,7 +42,8 @@ pub(super) struct Entry {
     /// With the camera for the depth map's size.
     pub(super) view: View,
     pub(super) sources: Vec<usize>,
-    /// The view's place among all of the scene, whether they have a depth map or not.
+    /// The view's place among all of the scene, whether they have a depth map or not: in a workspace that
+    /// by which COLMAP counts, asked for only where `.vis` is written.
     pub(super) number: u32,
     pub(super) encoding: Encoding,
     pub(super) depth: PathBuf,

@@ -46,10 +46,22 @@ pub(super) fn entries(
         .map(|&index| model.views[index].id)
         .zip(0..)
         .collect();
+    let order = match job.vis {
+        true => sparse::registered_names(workspace.path())?,
+        false => Vec::new(),
+    };
+    let numbers: BTreeMap<&str, u32> = order.iter().map(String::as_str).zip(0..).collect();
     let entry = |&index: &usize| {
+        let view = &model.views[index];
         let listed = sources[index].iter();
         let sources = listed.filter_map(|source| place.get(&source.id).copied());
-        entry(job, workspace, (&model, index), sources.collect())
+        let number = numbers.get(view.name.as_str()).copied();
+        entry(
+            job,
+            workspace,
+            view,
+            (sources.collect(), number.unwrap_or(0)),
+        )
     };
     present.iter().map(entry).collect()
 }
@@ -81,10 +93,9 @@ fn wanted(workspace: &Workspace, model: &SparseModel) -> Result<Vec<usize>> {
 fn entry(
     job: &FuseJob,
     workspace: &Workspace,
-    (model, index): (&SparseModel, usize),
-    sources: Vec<usize>,
+    view: &View,
+    (sources, number): (Vec<usize>, u32),
 ) -> Result<Entry> {
-    let view = &model.views[index];
     if view.camera.distortion() != Distortion::None {
         let problem = "expected cameras of undistorted images, found one with a lens: run COLMAP's \
                        image_undistorter";
@@ -103,7 +114,7 @@ fn entry(
     });
     Ok(Entry {
         sources,
-        number: model.places[index],
+        number,
         encoding: Encoding::Dense,
         normals: existing(workspace.normals(&view.name, job.stereo)),
         confidence: job.confidence_paths(view.id),

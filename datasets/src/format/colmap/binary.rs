@@ -1,6 +1,6 @@
-//! `cameras.bin`, `images.bin` and `points3D.bin`: little-endian, packed.
+//! `cameras.bin`, `images.bin`, `points3D.bin` and `frames.bin`: little-endian, packed.
 
-use super::{ColmapCamera, ColmapImage, ColmapPoint, MODELS};
+use super::{CAMERA, ColmapCamera, ColmapImage, ColmapPoint, MODELS, in_order};
 use crate::error::FormatError;
 use crate::format::text::shown;
 use glam::DVec3;
@@ -184,4 +184,25 @@ pub fn read_points(bytes: &[u8]) -> Result<Vec<ColmapPoint>, FormatError> {
             color,
         })
     })
+}
+
+/// Reads `frames.bin`: the ids of the images in the order in which COLMAP registers them.
+pub fn read_frames(bytes: &[u8]) -> Result<Vec<u32>, FormatError> {
+    let frames = Bytes::new(bytes).list(68, "frames", |bytes| {
+        bytes.take(64, "a frame's id, rig and pose")?;
+        let count = bytes.u32("the count of a frame's data")?;
+        let mut images = Vec::new();
+        for _ in 0..count {
+            let kind = i32::from_le_bytes(bytes.array("a kind of sensor")?);
+            let sensor = bytes.u32("a sensor's id")?;
+            let id = bytes.u64("a datum's id")?;
+            if kind == CAMERA.1 {
+                let image = u32::try_from(id);
+                let wrong = |_| bytes.wrong(format!("expected an image id, found {id}"));
+                images.push((sensor, image.map_err(wrong)?));
+            }
+        }
+        Ok(images)
+    })?;
+    Ok(in_order(frames))
 }

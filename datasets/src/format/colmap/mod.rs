@@ -8,12 +8,12 @@ mod text;
 mod write;
 
 pub use binary::{
-    read_cameras as read_cameras_binary, read_images as read_images_binary,
-    read_points as read_points_binary,
+    read_cameras as read_cameras_binary, read_frames as read_frames_binary,
+    read_images as read_images_binary, read_points as read_points_binary,
 };
 pub use text::{
-    read_cameras as read_cameras_text, read_images as read_images_text,
-    read_points as read_points_text,
+    read_cameras as read_cameras_text, read_frames as read_frames_text,
+    read_images as read_images_text, read_points as read_points_text,
 };
 
 pub use write::{
@@ -47,6 +47,16 @@ const MODELS: [(&str, i32, usize); 18] = [
     ("EUCM", 16, 6),
     ("EQUIRECTANGULAR", 17, 2),
 ];
+
+/// The sensor that takes images, as text and as a number, among those that frames have data of.
+const CAMERA: (&str, i32) = ("CAMERA", 0);
+
+/// The images of frames, each with the id of its sensor: frame after frame as they are listed, within
+/// one by sensor, as COLMAP holds them.
+fn in_order(mut frames: Vec<Vec<(u32, u32)>>) -> Vec<u32> {
+    frames.iter_mut().for_each(|images| images.sort_unstable());
+    frames.into_iter().flatten().map(|(_, id)| id).collect()
+}
 
 /// A camera of a model, shared by any number of images.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,6 +1,6 @@
-//! `cameras.txt`, `images.txt` and `points3D.txt`.
+//! `cameras.txt`, `images.txt`, `points3D.txt` and `frames.txt`.
 
-use super::{ColmapCamera, ColmapImage, ColmapPoint, MODELS};
+use super::{CAMERA, ColmapCamera, ColmapImage, ColmapPoint, MODELS, in_order};
 use crate::error::FormatError;
 use crate::format::text::shown;
 use glam::DVec3;
@@ -197,4 +197,27 @@ pub fn read_points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
         }
         _ => Ok(points),
     }
+}
+
+/// Reads `frames.txt`: the ids of the images in the order in which COLMAP registers them.
+pub fn read_frames(text: &str) -> Result<Vec<u32>, FormatError> {
+    let lines = text.lines().enumerate().filter(|(_, line)| is_data(line));
+    let frames = lines.map(|(index, line)| {
+        let mut fields = Fields::new(index, line);
+        let _: u32 = fields.whole("a frame id")?;
+        let _: u32 = fields.whole("a rig id")?;
+        fields.numbers::<7>("a pose QW QX QY QZ TX TY TZ")?;
+        let count: u32 = fields.whole("the count of a frame's data")?;
+        let mut images = Vec::new();
+        for _ in 0..count {
+            let kind = fields.word("a kind of sensor")?;
+            let sensor = fields.whole("a sensor's id")?;
+            match kind == CAMERA.0 {
+                true => images.push((sensor, fields.whole("an image id")?)),
+                false => drop(fields.word("a datum's id")?),
+            }
+        }
+        Ok(images)
+    });
+    Ok(in_order(frames.collect::<Result<_, _>>()?))
 }
