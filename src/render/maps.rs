@@ -106,15 +106,18 @@ const RUNS: usize = ROWS * SIZE;
 /// What is worked out about a tile.
 pub(crate) struct Resolver {
     /// Triangles met in the present rows for the first time, and how many.
-    pending: [Pending; RUNS + 1],
+    pending: [Pending; RUNS],
     waiting: usize,
+    /// y of the directions of the present rows.
+    y: [f64; ROWS],
     /// The first stands for none, and how many have been set up, it included.
     planes: Vec<Plane>,
     set_up: usize,
     /// Triangles met of late, by their number, with their place in `planes`.
     met: [(u32, u32); SLOTS + 1],
     pub(super) fresh: Fresh,
-    /// Of rows that are worked out pixel by pixel: the vertices of the triangles that are seen.
+    /// The vertices of pending triangles; of rows that are worked out pixel by pixel, those of the triangles that
+    /// are seen.
     pub(super) vertices: [[u32; 3]; RUNS],
     /// Places in `planes` of the runs of pixels that see one triangle.
     runs: [u32; RUNS],
@@ -134,8 +137,9 @@ impl Resolver {
         let mut planes = Vec::with_capacity(SIZE * SIZE + 1 + SIZE);
         planes.push(Plane::NONE);
         Self {
-            pending: [Pending::NONE; RUNS + 1],
+            pending: [Pending::NONE; RUNS],
             waiting: 0,
+            y: [0.0; ROWS],
             planes,
             set_up: 1,
             met: [(NONE, 0); SLOTS + 1],
@@ -287,6 +291,7 @@ impl<'s, P: FnMut(&mut Line, usize)> Sheet<'s, P> {
         for row in 0..count {
             let (ids, y) = (self.ids(top + row), self.y(top + row));
             let resolver = &mut *self.resolver;
+            resolver.y[row % ROWS] = y;
             #[allow(clippy::cast_possible_truncation, reason = "at most 4097")]
             let planes = resolver.set_up as u32;
             let (starts, _) = resolver.rows[row % ROWS];
@@ -303,11 +308,9 @@ impl<'s, P: FnMut(&mut Line, usize)> Sheet<'s, P> {
                 let place = select_unpredictable(is_new, planes + waiting as u32, place);
                 resolver.met[slot] = (id, place);
                 prefetch(triangles, id as usize);
-                resolver.pending[waiting % (RUNS + 1)] = Pending {
-                    id,
-                    spot: [resolver.x[column], y],
-                    vertices: [0; 3],
-                };
+                #[allow(clippy::cast_possible_truncation, reason = "below 64 and 8")]
+                let (column, row) = (column as u16, row as u16);
+                resolver.pending[waiting % RUNS] = Pending { id, column, row };
                 waiting += usize::from(is_new);
                 resolver.runs[runs % RUNS] = place;
                 runs += 1;
@@ -323,20 +326,24 @@ impl<'s, P: FnMut(&mut Line, usize)> Sheet<'s, P> {
         let mesh = frame.mesh();
         let Resolver {
             pending,
+            vertices,
             waiting,
             fresh,
             planes,
             set_up,
+            x,
+            y,
             ..
         } = &mut *self.resolver;
-        for triangle in &mut pending[..*waiting] {
-            triangle.vertices = mesh.triangles()[triangle.id as usize];
-            for vertex in triangle.vertices {
+        let (pending, vertices) = (&pending[..*waiting], &mut vertices[..*waiting]);
+        for (vertices, triangle) in vertices.iter_mut().zip(pending) {
+            *vertices = mesh.triangles()[triangle.id as usize];
+            for &vertex in &*vertices {
                 prefetch(mesh.vertices(), vertex as usize);
             }
         }
-        for pending in pending[..*waiting].chunks(SIZE) {
-            fresh.load(l, frame, pending);
+        for (pending, vertices) in pending.chunks(SIZE).zip(vertices.chunks(SIZE)) {
+            fresh.load(l, frame, (pending, vertices), (x, y));
             let end = pending.len().next_multiple_of(LANES);
             fresh.set_up(self.window, (0, end));
             fresh.put(l, (planes, *set_up));

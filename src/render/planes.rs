@@ -7,6 +7,7 @@
 
 use super::doubles::FOUR;
 use super::lanes::{LANES, Lanes};
+use super::maps::ROWS;
 use super::row::{Line, in_doubt};
 use super::surface::Frame;
 use super::tile::{NONE, SIZE};
@@ -48,21 +49,21 @@ pub(crate) struct Window {
     pub(crate) reach: f64,
 }
 
-/// A triangle that has not been set up yet.
+/// A triangle that has not been set up yet. Few bytes: one is written for each run of pixels, met before or not.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pending {
     pub(crate) id: u32,
-    /// x and y of the direction of a pixel that sees it.
-    pub(crate) spot: [f64; 2],
-    pub(crate) vertices: [u32; 3],
+    /// Of a pixel that sees it: its column, and its row among those worked out together.
+    pub(crate) column: u16,
+    pub(crate) row: u16,
 }
 
 impl Pending {
     /// Stands for none.
     pub(crate) const NONE: Self = Self {
         id: NONE,
-        spot: [0.0; 2],
-        vertices: [0; 3],
+        column: 0,
+        row: 0,
     };
 }
 
@@ -95,16 +96,23 @@ impl Fresh {
         }
     }
 
-    /// Takes over some triangles, at most [`SIZE`].
+    /// Takes over some triangles, at most [`SIZE`], with their vertices, seen by pixels whose columns and rows have
+    /// these x and y of their directions.
     #[inline(always)]
-    pub(crate) fn load<L: Lanes>(&mut self, l: L, frame: &Frame<'_>, pending: &[Pending]) {
+    pub(crate) fn load<L: Lanes>(
+        &mut self,
+        l: L,
+        frame: &Frame<'_>,
+        (pending, vertices): (&[Pending], &[[u32; 3]]),
+        (x, y): (&[f64; SIZE], &[f64; ROWS]),
+    ) {
         self.count = pending.len().min(SIZE);
         for (index, one) in pending.iter().enumerate().take(SIZE) {
-            self.spots[0][index] = one.spot[0];
-            self.spots[1][index] = one.spot[1];
+            self.spots[0][index] = x[usize::from(one.column) % SIZE];
+            self.spots[1][index] = y[usize::from(one.row) % ROWS];
         }
         // Of fewer than eight, the last fills the rest.
-        let vertices = |index: usize| pending[index.min(pending.len() - 1)].vertices;
+        let vertices = |index: usize| vertices[index.min(vertices.len() - 1)];
         self.load_corners(l, frame, (0, self.count.next_multiple_of(LANES)), vertices);
     }
 
