@@ -10,6 +10,10 @@ const CAMERAS_BIN: &str = "010000000000000005000000040000008002000000000000e0010
 const IMAGES_BIN: &str = "01000000000000000900000029104d96ea6de33f944f2ae65764e93f53d6f1cbe010a53feb33dfcde4d36e3f5f29cb10c7bab83f3108ac1c5a64fbbf744694f6065ff13f050000007375622f61622e6a706700020000000000000000000000003879400000000000505a400300000000000000000000000000f83f0000000000000440ffffffffffffffff";
 const POINTS_BIN: &str = "010000000000000003000000000000000ad7a3703d0ac7bf3bdf4f8d976ed23f08ac1c5a643bf9bf807f7e000000000000e03f01000000000000000900000000000000";
 
+// A model of three frames, each of two cameras, as pycolmap 4.2.1 writes it.
+const FRAMES: &str = "# Frame list\n2 1 1 0 0 0 2 0 0 2 CAMERA 1 8 CAMERA 2 9\n5 1 1 0 0 0 5 0 0 2 CAMERA 1 4 CAMERA 2 3\n7 1 1 0 0 0 7 0 0 2 CAMERA 1 1 CAMERA 2 6\n";
+const FRAMES_BIN: &str = "03000000000000000200000001000000000000000000f03f0000000000000000000000000000000000000000000000000000000000000040000000000000000000000000000000000200000000000000010000000800000000000000000000000200000009000000000000000500000001000000000000000000f03f0000000000000000000000000000000000000000000000000000000000001440000000000000000000000000000000000200000000000000010000000400000000000000000000000200000003000000000000000700000001000000000000000000f03f0000000000000000000000000000000000000000000000000000000000001c4000000000000000000000000000000000020000000000000001000000010000000000000000000000020000000600000000000000";
+
 fn bytes(hex: &str) -> Vec<u8> {
     let byte = |at: usize| u8::from_str_radix(&hex[at..at + 2], 16).unwrap();
     (0..hex.len()).step_by(2).map(byte).collect()
@@ -46,6 +50,28 @@ fn text_and_colmap_s_own_binary_say_the_same() {
     let points = read_points_text(POINTS).unwrap();
     assert_eq!((points[0].id, points[0].color), (3, [128, 127, 126]));
     assert_eq!(read_points_binary(&bytes(POINTS_BIN)).unwrap(), points);
+}
+
+#[test]
+fn frames_order_images_by_sensor_within_one_as_pycolmap_s_reg_image_ids() {
+    assert_eq!(read_frames_text(FRAMES).unwrap(), [8, 9, 4, 3, 1, 6]);
+    assert_eq!(
+        read_frames_binary(&bytes(FRAMES_BIN)).unwrap(),
+        [8, 9, 4, 3, 1, 6]
+    );
+    // pycolmap 4.2.1 reads this as 1, 6, 8, 9, 4, 3.
+    let turned = "7 1 1 0 0 0 7 0 0 2 CAMERA 2 6 CAMERA 1 1\n2 1 1 0 0 0 2 0 0 2 CAMERA 1 8 CAMERA 2 9\n\
+                  5 1 1 0 0 0 5 0 0 2 CAMERA 2 3 CAMERA 1 4\n";
+    assert_eq!(read_frames_text(turned).unwrap(), [1, 6, 8, 9, 4, 3]);
+    let said = |error: crate::error::FormatError, part: &str| {
+        assert!(error.to_string().contains(part), "{error}");
+    };
+    let cut = &bytes(FRAMES_BIN)[..200];
+    said(read_frames_binary(cut).unwrap_err(), "cut short");
+    let short = "7 1 1 0 0 0 7 0 0 2 CAMERA 2 6 CAMERA 1";
+    said(read_frames_text(short).unwrap_err(), "an image id");
+    let negative = "7 1 1 0 0 0 7 0 0 1 CAMERA 2 -6";
+    said(read_frames_text(negative).unwrap_err(), "`-6`");
 }
 
 #[test]
