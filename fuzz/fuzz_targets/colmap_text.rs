@@ -6,5 +6,6 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         let _ = mvs_datasets::format::colmap::read_cameras_text(text);
         let _ = mvs_datasets::format::colmap::read_images_text(text);
         let _ = mvs_datasets::format::colmap::read_points_text(text);
+        let _ = mvs_datasets::format::colmap::read_frames_text(text);
     }
 });

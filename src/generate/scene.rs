@@ -131,6 +131,9 @@ pub fn generate_sets(
     targets.iter().enumerate().map(set).collect()
 }
 
+/// What becomes of a view, given and fitted, and of those that watch it.
+type Each<'e> = dyn Fn((&View, &View), &[View]) -> Result<Option<ViewRecord>> + Sync + 'e;
+
 impl SetWork<'_> {
     fn work<'w>(
         &'w self,
@@ -164,21 +167,34 @@ impl SetWork<'_> {
             begin();
             leftovers::remove_if_there(&self.folder.record())
         };
+        let each = |view: &Each<'_>| {
+            progress.begin("generating views", mine.len() as u64);
+            parallel::try_map(mine.len(), |at| {
+                progress.check()?;
+                let index = mine[at];
+                let views = (&self.plan.views[index], &self.fitted[index]);
+                let record = view(views, &self.watchers(index))?;
+                progress.advance(1);
+                Ok(record)
+            })
+        };
+        let find = || each(&|views, watchers| work.find(views, watchers));
+        let mut found = match self.part {
+            Part::Merge => Some(find()?),
+            // A whole scene stays one where the shard has nothing to do.
+            Part::Shard { .. } if self.folder.record().is_file() => Some(find()?),
+            Part::All | Part::Shard { .. } => None,
+        };
         if self.part != Part::Merge {
-            change()?;
+            found = found.filter(|records| records.iter().all(Option::is_some));
         }
-        progress.begin("generating views", mine.len() as u64);
-        let records = parallel::try_map(mine.len(), |at| {
-            progress.check()?;
-            let index = mine[at];
-            let views = (&self.plan.views[index], &self.fitted[index]);
-            let record = match self.part {
-                Part::Merge => work.find(views, &self.watchers(index))?,
-                Part::All | Part::Shard { .. } => Some(work.finish(views, &self.watchers(index))?),
-            };
-            progress.advance(1);
-            Ok(record)
-        })?;
+        let records = match found {
+            Some(found) => found,
+            None => {
+                change()?;
+                each(&|views, watchers| Ok(Some(work.finish(views, watchers)?)))?
+            }
+        };
         let unfinished = (mine.iter().zip(&records)).filter(|(_, record)| record.is_none());
         let unfinished: Vec<usize> = unfinished.map(|(&index, _)| index).collect();
         self.refuse(&unfinished)?;

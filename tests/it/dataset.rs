@@ -377,6 +377,18 @@ fn shards_and_their_merge_are_the_whole() {
     }
     succeed(shards.path(), &merge);
     assert_eq!(files_in(whole.path()), files_in(shards.path()));
+    // A shard that is made once more, when all is there, has nothing to do and leaves the scene whole.
+    for shard in ["2/3", "7/9"] {
+        succeed(shards.path(), &["--extras", "occlusion", "--shard", shard]);
+        assert_eq!(files_in(whole.path()), files_in(shards.path()), "{shard}");
+    }
+    // Where one of its views is damaged it makes that one, and the scene is to be put together again.
+    let damaged = scene.join("cams/00000001_cam.txt");
+    std::fs::remove_file(&damaged).unwrap();
+    succeed(shards.path(), &["--extras", "occlusion", "--shard", "2/3"]);
+    assert!(damaged.is_file() && !scene.join("scene.json").exists());
+    succeed(shards.path(), &merge);
+    assert_eq!(files_in(whole.path()), files_in(shards.path()));
     let wrong = generate(shards.path(), &["--shard", "4/3"]);
     assert_eq!(wrong.status.code(), Some(2));
 }

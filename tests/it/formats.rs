@@ -390,6 +390,11 @@ fn samples() -> Vec<(&'static str, Vec<u8>, Reader)> {
         ("colmap points", points, |b| {
             colmap::read_points_binary(b).map(drop)
         }),
+        (
+            "colmap frames",
+            "7 1 1 0 0 0 7 0 0 2 CAMERA 2 6 IMU 1 1\n".into(),
+            |b| colmap::read_frames_text(text(b)?).map(drop),
+        ),
     ]
 }
 

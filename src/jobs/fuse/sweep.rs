@@ -120,8 +120,12 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
             .zip(scores.iter().copied().reduce(f64::max)),
         rows,
     };
-    remove_if_there(&run_file)?; // it comes back last
-    files::write_atomically(&job.out, |out| write_csv(out, &outcome.rows))?;
+    files::write_atomically(&job.out, |out| {
+        write_csv(out, &outcome.rows)?;
+        out.flush()?;
+        // All is written before anything of an earlier result goes; it comes back last.
+        remove_if_there(&run_file).map_err(std::io::Error::other)
+    })?;
     let run = Run::new("sweep", job, &folder.inputs)?;
     write_run_file(run, &run_file, &own[..1])?;
     Ok(outcome)

@@ -201,3 +201,39 @@ fn a_sweep_refuses_what_only_a_cloud_has_and_varies_what_the_mode_asks_for() {
     job.fuse.memory = Some(0);
     assert_eq!(rows(&job).unwrap(), in_memory);
 }
+
+/// Where files cannot grow, as on a full disk, a table that is there stays whole with its `run.toml`.
+#[cfg(unix)]
+#[test]
+fn a_table_that_cannot_be_written_leaves_the_one_before_it() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let (table, run_file) = (
+        folder.path().join("sweep.csv"),
+        folder.path().join("sweep.run.toml"),
+    );
+    let sweep = |blocks: &str, errors: &str| {
+        let command = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+        let mut sh = std::process::Command::new("sh");
+        sh.args(["-c", &command])
+            .arg(assert_cmd::cargo::cargo_bin!("mvs-eval"))
+            .args(["fuse", text(&job.scene), "--depths", text(&job.depths)])
+            .args(["--mode", "geo", "--sweep", "--force", "--out", text(&table)])
+            .args(["--sweep-min-sources", "2", "--sweep-pixel-error", errors]);
+        sh.output().unwrap()
+    };
+    let first = sweep("unlimited", "0.5,1");
+    assert_eq!(first.status.code(), Some(0), "{}", stderr(&first));
+    let before = [&table, &run_file].map(|path| std::fs::read(path).unwrap());
+    let many: Vec<String> = (1..40)
+        .map(|at| format!("{}", 0.1 * f64::from(at)))
+        .collect();
+    let second = sweep("1", &many.join(","));
+    assert_eq!(second.status.code(), Some(2), "{}", stderr(&second));
+    assert!(stderr(&second).contains("sweep.csv"), "{}", stderr(&second));
+    assert_eq!(
+        [&table, &run_file].map(|path| std::fs::read(path).unwrap()),
+        before
+    );
+}
