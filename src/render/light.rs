@@ -1,4 +1,4 @@
-//! 8-bit sRGB values and linear light, for the one place where colours are multiplied.
+//! 8-bit sRGB values and linear light, for the places where light is multiplied or mixed.
 
 use glam::Vec3;
 

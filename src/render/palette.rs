@@ -120,7 +120,7 @@ impl<'m> Palette<'m> {
                 });
                 Kind::Texture(number(place))
             }
-            Paint::Texture(..) | Paint::Tinted(..) | Paint::Linear(_) => {
+            Paint::Texture(..) | Paint::Tinted(..) | Paint::Light(_) | Paint::Linear(_) => {
                 self.paints.push(patch.paint);
                 Kind::Paint(number(self.paints.len() - 1))
             }

@@ -175,7 +175,7 @@ impl<'m> Frame<'m> {
                     |k: usize| a[k] * normal + (b[k] - a[k]) * second + (c[k] - a[k]) * third;
                 [mixed(0), mixed(1)]
             }
-            Paint::Tinted(..) | Paint::Linear(_) => [second, third],
+            Paint::Tinted(..) | Paint::Light(_) | Paint::Linear(_) => [second, third],
         };
         Patch {
             x,
@@ -284,6 +284,8 @@ pub(crate) enum Paint<'m> {
     Texture(Texels<'m>, Corner),
     /// A texture times the corners' colours in linear light.
     Tinted(Texels<'m>, (Corner, [Vec3; 3])),
+    /// The corners' colours in linear light.
+    Light([Vec3; 3]),
     /// The first corner's colour, and the others' less that.
     Linear([Parts; 3]),
 }
@@ -303,6 +305,9 @@ impl<'m> Paint<'m> {
                 None => Self::Texture(texels, corners),
             };
         }
+        if let Some(colors) = colors.filter(|_| material.tinted) {
+            return Self::Light(colors.map(light::to_linear));
+        }
         let plain = Vec3::from(material.color.map(f32::from));
         let [a, b, c] = colors.unwrap_or([plain; 3]);
         Self::Linear([a, b - a, c - a].map(parts))
@@ -316,6 +321,7 @@ impl<'m> Paint<'m> {
         match self {
             Self::Texture(texels, _) => texels.color_at(l, [x, y]),
             Self::Tinted(texels, corners) => l.load(&tinted(texels, corners, weights)),
+            Self::Light(corners) => l.load(&lit(corners, weights)),
             Self::Linear([first, second, third]) => {
                 let [v, w] = weights.map(|weight| l.splat(weight));
                 let sum = l.add(l.load(first), l.mul(l.load(second), v));
@@ -329,10 +335,20 @@ impl<'m> Paint<'m> {
 #[inline(never)]
 fn tinted(texels: &Texels<'_>, (corners, tints): &(Corner, [Vec3; 3]), weights: [f32; 2]) -> Parts {
     let color = texels.color_at(Plain, texels.place(between(*corners, weights)));
-    let tint = between(*tints, weights).clamp(Vec3::ZERO, Vec3::ONE);
+    let tint = mixed(*tints, weights);
     parts(light::to_srgb(
         light::to_linear(texture::whole(color)) * tint,
     ))
+}
+
+#[inline(never)]
+fn lit(corners: &[Vec3; 3], weights: [f32; 2]) -> Parts {
+    parts(light::to_srgb(mixed(*corners, weights)))
+}
+
+/// Light between the corners'; weights may lie a little outside.
+fn mixed(corners: [Vec3; 3], weights: [f32; 2]) -> Vec3 {
+    between(corners, weights).clamp(Vec3::ZERO, Vec3::ONE)
 }
 
 /// A colour as the first of its parts.

@@ -63,14 +63,19 @@ impl Builder {
     /// A square in the plane z = 0 around the origin with edge 1, facing −z, whose texture stands
     /// upright to a camera that looks along +z with y down; in a node at `at`.
     fn square(&mut self, at: [f64; 3], material: usize, color: Option<[u8; 4]>) {
+        self.square_of(at, material, color.map(|color| [color; 4]));
+    }
+
+    /// The same with a colour of each corner: top left, top right, bottom right, bottom left.
+    fn square_of(&mut self, at: [f64; 3], material: usize, colors: Option<[[u8; 4]; 4]>) {
         let (h, u) = (0.5f32, 1.0f32);
         let corners = [-h, -h, 0.0, h, -h, 0.0, h, h, 0.0, -h, h, 0.0];
         let positions = self.floats(&corners, "VEC3", 4);
         let coords = self.floats(&[0.0, 0.0, u, 0.0, u, u, 0.0, u], "VEC2", 4);
         let indices = self.accessor(&[0, 3, 2, 0, 2, 1], (5121, "SCALAR"), 6);
         let mut attributes = json!({"POSITION": positions, "TEXCOORD_0": coords});
-        if let Some(color) = color {
-            let colors = self.accessor(&color.repeat(4), (5121, "VEC4"), 4);
+        if let Some(colors) = colors {
+            let colors = self.accessor(colors.as_flattened(), (5121, "VEC4"), 4);
             attributes["COLOR_0"] = json!(colors);
         }
         let primitive = json!({"attributes": attributes, "indices": indices, "material": material});
@@ -224,6 +229,28 @@ fn factors_and_vertex_colours_multiply_textures_in_linear_light() {
     assert_eq!(rendering.color.get(5, 6), [188, 255, 0]);
     // COLOR_0 is linear: 128 / 255 of the light is sRGB 188.
     assert_eq!(rendering.color.get(15, 6), [188, 255, 0]);
+}
+
+#[test]
+fn vertex_colours_without_a_texture_are_mixed_in_linear_light_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut builder = Builder::new();
+    // The light of sRGB 128, so that the corners' colours are exact.
+    let green = ((128.0 / 255.0 + 0.055) / 1.055f64).powf(2.4);
+    let plain = builder.material([1.0, green, 1.0, 1.0], None, json!({}));
+    let (black, white) = ([0, 0, 0, 255], [255; 4]);
+    let ramp = [black, white, white, black];
+    builder.square_of([0.0, 0.0, 2.0], plain, Some(ramp));
+    let path = folder.path().join("m.glb");
+    builder.put_glb(&path);
+    let rendering = look(&read(&path));
+    let srgb = |light: f64| (255.0 * (1.055 * light.powf(1.0 / 2.4) - 0.055)).round() as u8;
+    for column in 0..10 {
+        let light = (f64::from(column) + 0.5) / 10.0;
+        let expected = [light, green * light, light].map(srgb);
+        let found = rendering.color.get(15 + column, 6);
+        assert_eq!(found, expected, "at {light}");
+    }
 }
 
 #[test]

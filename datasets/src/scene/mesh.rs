@@ -19,8 +19,9 @@ pub struct Material {
     pub color: [u8; 3],
     /// The texture, if any.
     pub texture: Option<Arc<ColorImage>>,
-    /// Whether vertex colours, where the mesh has them, are multiplied with the texture in linear
-    /// light, as in glTF. Else a texture hides them.
+    /// Whether vertex colours, where the mesh has them, are light, as in glTF: mixed as such between
+    /// vertices, and multiplied with the texture if there is one. Else they are mixed as sRGB values, and
+    /// a texture hides them.
     pub tinted: bool,
     /// Where the surface is cut out, if it is.
     pub cutout: Option<Cutout>,

@@ -201,7 +201,12 @@ fn mean_color(
             } else {
                 let colors = mesh.vertex_colors().unwrap();
                 let corners = mesh.triangles()[hit.triangle].map(|vertex| colors[vertex as usize]);
-                [0, 1, 2].map(|k| between(corners.map(|color| f64::from(color[k]))))
+                let mixed = |k: usize| between(corners.map(|color| f64::from(color[k])));
+                let light = |k: usize| between(corners.map(|color| light_of(color[k])));
+                match material.tinted {
+                    false => [0, 1, 2].map(mixed),
+                    true => [0, 1, 2].map(|k| level_of(light(k))),
+                }
             };
         for channel in 0..3 {
             sum[channel] += color[channel];
@@ -209,6 +214,21 @@ fn mean_color(
         count += 1.0;
     }
     sum.map(|value| value / count)
+}
+
+/// Linear light of an sRGB level, and back.
+fn light_of(level: u8) -> f64 {
+    match f64::from(level) / 255.0 {
+        value if value <= 0.040_45 => value / 12.92,
+        value => ((value + 0.055) / 1.055).powf(2.4),
+    }
+}
+
+fn level_of(light: f64) -> f64 {
+    match light {
+        light if light <= 0.003_130_8 => 255.0 * 12.92 * light,
+        light => 255.0 * (1.055 * light.powf(1.0 / 2.4) - 0.055),
+    }
 }
 
 /// Every byte is the nearest to the mean in f64, but for what f32 rounds before.
@@ -220,7 +240,12 @@ fn colours_are_the_means_of_what_rays_see() {
         let texels =
             (0..size.0 * size.1).map(|_| [0; 3].map(|_| (noise.next() * 127.9 + 128.0) as u8));
         let texture = ColorImage::from_values(size.0, size.1, texels.collect()).unwrap();
-        for (stretch, textured) in [(1.0, true), (2.7, true), (1.0, false)] {
+        for (stretch, textured, tinted) in [
+            (1.0, true, false),
+            (2.7, true, false),
+            (1.0, false, false),
+            (1.0, false, true),
+        ] {
             let mesh = terrain(12);
             let coords = mesh.triangles().iter().map(|triangle| {
                 triangle.map(|vertex| {
@@ -237,6 +262,7 @@ fn colours_are_the_means_of_what_rays_see() {
                 .collect();
             let material = Material {
                 texture: textured.then(|| Arc::new(texture.clone())),
+                tinted,
                 ..Material::default()
             };
             let mesh = match textured {

@@ -16,7 +16,7 @@ pub struct GltfMaterial {
     pub factor: [f64; 3],
     /// The base colour texture, to be multiplied with `factor` in linear light.
     pub texture: Option<GltfTexture>,
-    /// Whether vertex colours are multiplied with the texture.
+    /// Whether there are vertex colours: light, to be multiplied with the texture if there is one.
     pub tinted: bool,
     /// The least opacity of the texture, in 0…1, that is surface; `None` for opaque materials.
     pub cutoff: Option<f64>,

@@ -26,8 +26,8 @@ use wire::{Primitive, Root};
 pub struct GltfFile {
     /// Positions in world units.
     pub vertices: Vec<DVec3>,
-    /// 8-bit sRGB per vertex, if any primitive has colours. Where a triangle's material has a
-    /// texture, the texture is multiplied with them if `tinted` says so.
+    /// 8-bit sRGB per vertex, if any primitive has colours. Where a triangle's material is `tinted`
+    /// they are light: mixed as such between vertices, and multiplied with its texture, if it has one.
     pub vertex_colors: Option<Vec<[u8; 3]>>,
     /// Vertex indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -316,7 +316,7 @@ impl<'d> Reader<'d> {
         if !textured {
             material.texture = None;
         }
-        material.tinted = textured && colored;
+        material.tinted = colored;
         let factor = match textured {
             true => [1.0; 3],
             false => material.factor,
