@@ -294,6 +294,24 @@ fn masks_cut_and_both_sides_are_seen_only_where_the_file_says_so() {
     assert_eq!(seen, [false, true, true, false, true]);
 }
 
+#[test]
+fn opacity_of_vertices_that_a_mask_would_heed_is_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.glb");
+    let notes = |mode: &str, opacity: u8| {
+        let mut builder = Builder::new();
+        let material = builder.material(WHITE, None, json!({"alphaMode": mode}));
+        builder.square([0.0, 0.0, 2.0], material, Some([9, 9, 9, opacity]));
+        builder.put_glb(&path);
+        read(&path).notes
+    };
+    let masked = notes("MASK", 254);
+    assert_eq!(masked.len(), 1, "{masked:?}");
+    assert!(masked[0].contains("opacity of vertices"), "{masked:?}");
+    assert_eq!(notes("MASK", 255), [] as [&str; 0]);
+    assert_eq!(notes("OPAQUE", 0), [] as [&str; 0]);
+}
+
 /// A PNG with alpha, stored without compression.
 fn rgba_png(rgba: &[u8], width: u32, height: u32) -> Vec<u8> {
     let mut raw = Vec::new();

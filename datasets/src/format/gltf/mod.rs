@@ -240,6 +240,11 @@ impl<'d> Reader<'d> {
         if matches!(primitive.mode, None | Some(4)) && !columns.corners.is_multiple_of(3) {
             self.note("the last corners of primitives whose corners are no multiple of three are left out");
         }
+        if material.material.cutoff.is_some() && self.has_opacity(primitive) {
+            self.note(
+                "the opacity of vertices (COLOR_0) is passed over: masks (MASK) cut by textures alone",
+            );
+        }
         if set.is_some() && columns.coords.is_none() {
             self.note("primitives that have a texture but lack its coordinates show their color");
         }
@@ -300,6 +305,13 @@ impl<'d> Reader<'d> {
             triangles: triangles(&order, primitive.mode, matrix.determinant() < 0.0),
             corners: order.len(),
         })
+    }
+
+    /// Whether the colour of any vertex is not wholly opaque.
+    fn has_opacity(&self, primitive: &Primitive) -> bool {
+        let colors = primitive.attributes.get("COLOR_0");
+        let colors = colors.and_then(|&index| self.document.elements::<4>(index).ok());
+        colors.is_some_and(|colors| colors.iter().any(|color| color[3] < 1.0))
     }
 
     fn add(
