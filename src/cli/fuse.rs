@@ -316,14 +316,12 @@ fn preset_layer(name: &str, scene: &str) -> anyhow::Result<toml::Table> {
     Ok(presets::preset_layer(name, scene)?)
 }
 
-/// The scene folder's own name, also for `.`, by which presets know it.
+/// The name that the scene folder is given by, that of a link perhaps, by which presets know it; that of
+/// the folder itself for `.`.
 fn scene_name(args: &FuseArgs, file: &toml::Table) -> String {
     let said = file.get("scene").and_then(toml::Value::as_str);
     let scene = args.scene.clone().or_else(|| said.map(PathBuf::from));
-    let scene = scene.unwrap_or_default();
-    let real = scene.canonicalize().unwrap_or(scene);
-    let name = real.file_name().unwrap_or_default();
-    name.to_string_lossy().into_owned()
+    mvs_eval::jobs::name_of(&scene.unwrap_or_default())
 }
 
 pub(crate) fn execute(job: &FuseJob, global: &Global) -> anyhow::Result<Verdict> {

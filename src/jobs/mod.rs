@@ -101,3 +101,29 @@ fn require(command: &str, expected: &[(&str, &[&Path], &str)]) -> Result<()> {
         )),
     }
 }
+
+/// The name that a folder is given by, that of a link perhaps; that of the folder itself where it is given
+/// as `.` or `..`.
+pub fn name_of(folder: &Path) -> String {
+    let whole = match folder.file_name() {
+        None => folder.canonicalize().ok(),
+        Some(_) => None,
+    };
+    let named = whole.as_deref().unwrap_or(folder).file_name();
+    named.unwrap_or_default().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_is_named_however_it_is_given() {
+        assert_eq!(name_of(Path::new("sets/one")), "one");
+        assert_eq!(name_of(Path::new("sets/one/.")), "one");
+        let here = std::env::current_dir().unwrap();
+        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+        assert_eq!(name_of(Path::new(".")), name(&here));
+        assert_eq!(name_of(Path::new("src/..")), name(&here));
+    }
+}

@@ -1,6 +1,6 @@
 //! `mvs-eval verify`: whether a scene of the BlendedMVS kind is sound.
 
-use super::{Context, OutDir};
+use super::{Context, OutDir, name_of};
 use crate::error::Result;
 use crate::generate::verify::{self, Finding, Severity, Verification, VerifyOptions};
 use crate::provenance::Run;
@@ -66,16 +66,6 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     Ok(outcome)
 }
 
-/// The folder's name, also where it is given as `.` or `..`.
-fn name_of(folder: &Path) -> String {
-    let whole = match folder.file_name() {
-        None => folder.canonicalize().ok(),
-        Some(_) => None,
-    };
-    let named = whole.as_deref().unwrap_or(folder).file_name();
-    named.unwrap_or_default().to_string_lossy().into_owned()
-}
-
 /// The scenes at `path` by folder, and names that list files have and that are no folder: the folder
 /// itself, or, when it is a data set's root, every folder in it that is listed, looks like a scene or
 /// is called like one.
@@ -115,20 +105,5 @@ fn missing_scene() -> Verification {
         pairs: Vec::new(),
         median_difference: None,
         median_color_difference: None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_scene_is_named_however_it_is_given() {
-        assert_eq!(name_of(Path::new("sets/one")), "one");
-        assert_eq!(name_of(Path::new("sets/one/.")), "one");
-        let here = std::env::current_dir().unwrap();
-        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-        assert_eq!(name_of(Path::new(".")), name(&here));
-        assert_eq!(name_of(Path::new("src/..")), name(&here));
     }
 }

@@ -57,6 +57,32 @@ fn a_preset_beside_a_file_that_says_the_same_options_is_said_to_be_hidden() {
     );
 }
 
+/// Presets know scenes by the names that users give, whatever the folder behind a link is called.
+#[cfg(unix)]
+#[test]
+fn a_preset_takes_the_name_of_the_link_that_is_given() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let views = |job: &FuseJob| {
+        let said = cloud(job, &["--preset", "tnt-intermediate"]).1;
+        let views = said.split("min_sources = ").nth(1).unwrap().split(',');
+        (
+            views.into_iter().next().unwrap().to_owned(),
+            said.contains("none for"),
+        )
+    };
+    let real = job.scene.clone();
+    assert_eq!(views(&job), ("5".into(), true));
+    for (name, given) in [("Francis", "Francis"), ("Family", "Family/.")] {
+        std::os::unix::fs::symlink(&real, folder.path().join(name)).unwrap();
+        job.scene = folder.path().join(given);
+        assert!(!views(&job).1, "{given}");
+    }
+    job.scene = folder.path().join("Francis");
+    assert_eq!(views(&job), ("6".into(), false));
+}
+
 #[test]
 fn depth_maps_without_a_cam_are_told_of() {
     let scene = scene();
