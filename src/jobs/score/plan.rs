@@ -124,6 +124,14 @@ fn check_options(job: &ScoreJob) -> Result<()> {
         );
         return Err(Error::invalid("--bootstrap", problem));
     }
+    let is_twice = |(place, tau): (usize, &f64)| job.tau[..place].contains(tau);
+    if let Some(place) = (job.tau.iter().enumerate()).position(is_twice) {
+        let problem = format!(
+            "expected distinct distances, found {:?} again at place {place}",
+            job.tau[place]
+        );
+        return Err(Error::invalid("--tau", problem));
+    }
     if job.methods.is_some() {
         return Err(Error::invalid(
             "--methods",

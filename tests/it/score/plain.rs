@@ -193,6 +193,14 @@ fn what_does_not_go_together_gets_a_sentence() {
         ..job.clone()
     };
     assert!(said(negative).contains("above 0, found -1"));
+    let twice = ScoreJob {
+        tau: vec![0.1, 0.2, 0.1],
+        ..job.clone()
+    };
+    assert_eq!(
+        said(twice),
+        "--tau: expected distinct distances, found 0.1 again at place 2"
+    );
     let missing = ScoreJob {
         reconstruction: "missing.ply".into(),
         ..job.clone()
