@@ -2,7 +2,8 @@
 
 use crate::error::{Error, Result};
 
-/// A distance threshold τ in world units: finite and above 0.
+/// A distance threshold τ in world units: above 0, from 1e-150 to 1e150, so that its square and what few
+/// times it makes are plain numbers.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, serde::Serialize)]
 #[serde(transparent)]
 pub struct Tolerance(f64);
@@ -10,11 +11,17 @@ pub struct Tolerance(f64);
 impl Tolerance {
     /// A tolerance of `distance` world units.
     pub fn new(distance: f64) -> Result<Self> {
-        if distance.is_finite() && distance > 0.0 {
+        if (1e-150..=1e150).contains(&distance) {
             return Ok(Self(distance));
         }
-        let problem = format!("expected a finite distance above 0, found {distance}");
+        let problem =
+            format!("expected a distance above 0, from 1e-150 to 1e150, found {distance:?}");
         Err(Error::invalid("tolerance", problem))
+    }
+
+    /// A tolerance so many times as far, which may lie a little beyond what [`Self::new`] takes.
+    pub fn times(self, factor: f64) -> Self {
+        Self(factor * self.0)
     }
 
     /// The distance in world units.
@@ -32,6 +39,15 @@ mod tests {
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(Tolerance::new(bad).is_err(), "{bad}");
         }
-        assert_eq!(Tolerance::new(5e-324).unwrap().get(), 5e-324);
+        for end in [1e-150, 1e150] {
+            assert_eq!(Tolerance::new(end).unwrap().get(), end);
+            // What is worked out from it is a plain number: squares, voxels, curves.
+            assert!((end * end).is_normal() && (25.0 * end * end).is_normal());
+        }
+        for bad in [9e-151, 1.1e150, 5e-324, 1e308] {
+            let said = Tolerance::new(bad).unwrap_err().to_string();
+            let expected = "a distance above 0, from 1e-150 to 1e150, found";
+            assert!(said.contains(expected) && said.len() < 100, "{said}");
+        }
     }
 }

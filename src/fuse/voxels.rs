@@ -54,7 +54,7 @@ impl VoxelSink {
     /// A size that is not finite and above 0.
     pub fn new(size: f64, columns: Columns) -> Result<Self> {
         if !(size.is_finite() && size > 0.0) {
-            let problem = format!("expected an edge above 0, found {size}");
+            let problem = format!("expected an edge above 0, found {size:?}");
             return Err(Error::invalid("voxel", problem));
         }
         Ok(Self {
@@ -80,7 +80,7 @@ impl VoxelSink {
         let index = (position / self.size).floor();
         if index.abs().max_element() > 9e15 {
             let problem = format!(
-                "expected an edge that counts the voxels up to {position}, found {}",
+                "expected an edge that counts the voxels up to {position}, found {:?}",
                 self.size
             );
             return Err(Error::invalid("voxel", problem));

@@ -290,7 +290,7 @@ fn unit_guess(reconstruction: &Aabb, truth: &Aabb) -> Option<&'static str> {
 /// Whether F is low at τ but high at 5 τ because the cloud as a whole is out of place. Noise alone
 /// passes: another ICP update would hardly move such a cloud.
 pub fn of_tolerances(evaluation: &Evaluation, tolerance: Tolerance) -> Result<Gate> {
-    let wide = Tolerance::new(5.0 * tolerance.get())?;
+    let wide = tolerance.times(5.0);
     let (at_tau, at_wide) = (
         evaluation.score(tolerance).f_score(),
         evaluation.score(wide).f_score(),

@@ -101,7 +101,7 @@ pub fn align(
         .collect();
     let Some(winner) = winners.into_iter().flatten().reduce(Candidate::better) else {
         let (n, d) = (options.iterations, options.max_distance);
-        let problem = format!("none of {n} candidates brings a camera within {d} of a target");
+        let problem = format!("none of {n} candidates brings a camera within {d:?} of a target");
         return Err(Error::invalid("trajectory alignment", problem));
     };
     let winner = match options.rule {
@@ -142,7 +142,7 @@ fn check(source: &[DVec3], target: &[DVec3], options: &TrajectoryOptions) -> Res
     }
     if !(options.max_distance.is_finite() && options.max_distance > 0.0) {
         let found = options.max_distance;
-        let problem = format!("expected a finite maximal distance above 0, found {found}");
+        let problem = format!("expected a finite maximal distance above 0, found {found:?}");
         return Err(Error::invalid(what, problem));
     }
     Ok(())

@@ -25,7 +25,7 @@ pub(super) struct Grid {
 impl Grid {
     pub(super) fn check_size(size: f64) -> Result<()> {
         if !(size.is_finite() && size > 0.0) {
-            let problem = format!("expected a finite size above 0, found {size}");
+            let problem = format!("expected a finite size above 0, found {size:?}");
             return Err(Error::invalid("voxel size", problem));
         }
         Ok(())
@@ -54,8 +54,8 @@ impl Grid {
         let extent = (end - start).max_element();
         if size * f64::from(i32::MAX) < extent {
             let problem = format!(
-                "expected at most 2147483647 voxels along an axis, found a cloud {extent} wide \
-                 and voxels of {size}: enlarge the voxels or remove outliers"
+                "expected at most 2147483647 voxels along an axis, found a cloud {extent:?} wide \
+                 and voxels of {size:?}: enlarge the voxels or remove outliers"
             );
             return Err(Error::invalid("voxel size", problem));
         }

@@ -17,6 +17,7 @@ use crate::error::{Error, Result};
 use crate::provenance::Run;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::scene::{ColorImage, View};
+use mvs_metrics::Tolerance;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -163,6 +164,7 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
             return Err(Error::invalid(option, "expected at least 1, found 0"));
         }
     }
+    Tolerance::new(job.tau).map_err(|error| Error::invalid("--tau", error.to_string()))?;
     job.check_stages()?;
     let out = OutDir::create(
         &job.out,

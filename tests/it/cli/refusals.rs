@@ -255,6 +255,31 @@ fn a_negative_value_is_refused_by_its_own_name() {
     assert_refused(&arguments, &["tolerance", "-1"]);
 }
 
+/// Distances whose squares no number holds, in every command that takes a τ.
+#[test]
+fn distances_beyond_what_squares_hold_are_refused_with_the_range() {
+    let scene = small_scene();
+    let cloud = scene.path().join("cloud.ply");
+    write(&cloud, points_as_ply(&["0 0 0", "1 0 0"]));
+    let path = |name: &str| text(&scene.path().join(name)).to_owned();
+    let (cloud, mesh, cams, out) = (text(&cloud), path("mesh.obj"), path("cams"), path("out"));
+    let clouds = ["--truth", cloud, "--reconstruction", cloud];
+    for tau in ["5e-324", "1e-151", "1e151", "1e308"] {
+        for command in [
+            [&["score"][..], &clouds].concat(),
+            vec!["demo"],
+            vec!["tradeoff", "--mesh", &mesh, "--cameras", &cams],
+        ] {
+            let arguments = [&command[..], &["--tau", tau, "--out", &out]].concat();
+            assert_refused(
+                &arguments,
+                &["from 1e-150 to 1e150", &format!("found {tau}")],
+            );
+            assert!(!scene.path().join("out").exists(), "{arguments:?}");
+        }
+    }
+}
+
 #[test]
 fn seeds_that_no_record_can_hold_are_refused_with_the_range() {
     let range = "expected a whole number from 0 to 9223372036854775807";

@@ -192,7 +192,7 @@ fn what_does_not_go_together_gets_a_sentence() {
         tau: vec![-1.0],
         ..job.clone()
     };
-    assert!(said(negative).contains("above 0, found -1"));
+    assert!(said(negative).contains("above 0, from 1e-150 to 1e150, found -1"));
     let twice = ScoreJob {
         tau: vec![0.1, 0.2, 0.1],
         ..job.clone()
