@@ -27,7 +27,6 @@ mod verify;
 use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use common::{Global, Verdict};
 use std::ffi::OsString;
-use std::io::ErrorKind;
 use std::process::ExitCode;
 
 const ABOUT: &str = "Benchmark and evaluation suite for multi-view-stereo point clouds";
@@ -113,16 +112,21 @@ pub(crate) fn main() -> ExitCode {
     let cli = match parse(arguments) {
         Ok(cli) => cli,
         Err(error) => {
-            let code = if error.use_stderr() { 2 } else { 0 };
-            return match error.print() {
-                Err(failed) if failed.kind() != ErrorKind::BrokenPipe => ExitCode::from(2),
-                _ => ExitCode::from(code),
-            };
+            let printed = error.print();
+            if error.use_stderr() {
+                return ExitCode::from(2);
+            }
+            return ended(output::on_stdout(printed).map(|()| Verdict::Passed));
         }
     };
     cli.command.settle_memory();
     let outcome = common::install_interrupt()
         .and_then(|()| common::in_pool(cli.global.threads, || run(&cli.command, &cli.global)));
+    ended(outcome)
+}
+
+/// The exit code; an error is said.
+fn ended(outcome: anyhow::Result<Verdict>) -> ExitCode {
     match outcome {
         Ok(Verdict::Passed) => ExitCode::SUCCESS,
         Ok(Verdict::Failed) => ExitCode::from(1),

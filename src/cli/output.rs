@@ -1,6 +1,7 @@
 //! The only place that prints.
 
 use super::common::Format;
+use anyhow::Context as _;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use mvs_eval::warning::Warning;
 use serde::Serialize;
@@ -38,9 +39,14 @@ pub(crate) fn answer(
     } else {
         serde_json::to_string_pretty(value)?
     };
-    match writeln!(out, "{text}") {
+    on_stdout(writeln!(out, "{text}"))
+}
+
+/// Says of a failure that it is stdout that could not be written; one that nobody reads any more is none.
+pub(crate) fn on_stdout(written: std::io::Result<()>) -> anyhow::Result<()> {
+    match written {
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        other => Ok(other?),
+        written => written.context("stdout: cannot write the answer"),
     }
 }
 

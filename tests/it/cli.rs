@@ -7,6 +7,7 @@ use mvs_datasets::scene::ColorImage;
 use std::fs;
 use std::path::Path;
 
+mod answers;
 mod refusals;
 
 /// The run fails with exit code 2 and one line of error that says all of `parts`.
