@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// More than any machine has processors for; starting each of them is work.
-const MOST_THREADS: usize = 1024;
+pub const MOST_THREADS: usize = 1024;
 
 /// Runs `work` with at most `threads` threads; 0 stands for all that the machine offers. An error for more
 /// than 1024.

@@ -5,6 +5,7 @@ use super::output;
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use mvs_eval::jobs::Context;
+use mvs_eval::parallel::MOST_THREADS;
 use mvs_eval::warning::Warnings;
 use mvs_eval::{Error, config};
 use serde::Serialize;
@@ -54,7 +55,7 @@ pub(crate) enum Centre {
 #[command(next_help_heading = "General options")]
 pub(crate) struct Global {
     /// Worker threads; all cores when not given. Results do not depend on it.
-    #[arg(long, global = true, default_value_t = 0, hide_default_value = true)]
+    #[arg(long, global = true, default_value_t = 0, hide_default_value = true, value_parser = threads)]
     pub(crate) threads: usize,
     /// Replace an existing result.
     #[arg(long, global = true)]
@@ -147,6 +148,12 @@ pub(crate) fn with_context_leaving<T>(
 pub(crate) fn seed(text: &str) -> Result<u64, String> {
     let read = text.parse().ok().filter(|seed| *seed <= i64::MAX as u64);
     read.ok_or_else(|| format!("expected a whole number from 0 to {}", i64::MAX))
+}
+
+/// A number of threads; 0 for all cores.
+fn threads(text: &str) -> Result<usize, String> {
+    let read = text.parse().ok().filter(|threads| *threads <= MOST_THREADS);
+    read.ok_or_else(|| format!("expected a whole number from 0 (all cores) to {MOST_THREADS}"))
 }
 
 /// Runs `work` on at most `threads` threads.

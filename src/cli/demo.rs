@@ -9,8 +9,8 @@ use std::path::PathBuf;
 /// Do everything once, on a scene that the program makes itself
 ///
 /// A box and a sphere on a plane, with exact truth: renders and blends the data set, fuses noisy
-/// depth maps, scores the cloud against the exact surface, writes leaderboard, curve, coloured
-/// clouds and a contact sheet, and prints the score beside what the noise model predicts.
+/// depth maps, scores the cloud against points sampled on the exact surface, writes leaderboard, curve,
+/// coloured clouds and a contact sheet, and prints the score beside what the noise model predicts.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct DemoArgs {
     /// The folder to write [default: demo-out]

@@ -93,7 +93,7 @@ enum PairsFlag {
 
 #[derive(Debug, Args, Serialize)]
 struct GenerateFlags {
-    /// What to write beside the standard files
+    /// What to write beside the standard files, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     extras: Vec<ExtraFlag>,

@@ -144,7 +144,9 @@ fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Err
         true => argument.allow_negative_numbers(true),
         false => argument,
     };
-    let command = Cli::command().mut_subcommands(|command| command.mut_args(negative));
+    let command = Cli::command()
+        .mut_args(negative)
+        .mut_subcommands(|command| command.mut_args(negative));
     Cli::from_arg_matches(&command.try_get_matches_from(arguments)?)
 }
 

@@ -8,6 +8,7 @@ use std::fs;
 use std::path::Path;
 
 mod answers;
+mod help;
 mod refusals;
 
 /// The run fails with exit code 2 and one line of error that says all of `parts`.

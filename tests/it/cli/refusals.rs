@@ -158,7 +158,14 @@ fn values_without_sense_are_refused_by_name() {
         ),
         (
             &["demo", "--threads", "100000", out[0], out[1]],
-            &["--threads", "at most 1024"],
+            &["--threads", "to 1024"],
+        ),
+        (
+            &["demo", "--threads", "-1", out[0], out[1]],
+            &[
+                "--threads",
+                "expected a whole number from 0 (all cores) to 1024",
+            ],
         ),
         (
             &["extremes", "--width", "0", out[0], out[1]],
