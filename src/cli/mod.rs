@@ -40,10 +40,10 @@ Benchmark and evaluation suite for multi-view-stereo (MVS) point clouds.
 
 Try `mvs-eval demo`: it does all of it on a scene that the program makes itself.
 
-Every result folder holds a run.toml with all options and the hashes of the inputs;
-`mvs-eval replay run.toml --out NEW` makes the result again. Inputs are read where they lie and must not
-change while a command runs: the system ends a program whose file gets shorter. The answer goes to stdout (a table on
-a terminal, JSON otherwise), progress and warnings to stderr.
+Every result folder holds a run.toml with all options and the hashes of the inputs; \
+`mvs-eval replay run.toml --out NEW` makes the result again. Inputs are read where they lie and must not \
+change while a command runs: the system ends a program whose file gets shorter. The answer goes to stdout (a \
+table on a terminal, JSON otherwise), progress and warnings to stderr.
 
 Exit codes: 0 done; 1 done, and a check or gate failed; 2 could not do it.";
 

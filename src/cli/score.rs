@@ -21,13 +21,13 @@ use std::path::PathBuf;
 /// collapsed scale. A failed gate names its cause on stderr and in score.json; the exit code is then 1.
 /// Without --protocol the clouds are taken to share a frame: a score of 0 is explained by a warning.
 ///
-/// Examples:
-///   mvs-eval score --protocol tnt --scene data/Barn --reconstruction barn.ply \
-///     --trajectory barn.log --out results/barn
-///   mvs-eval score --all data --methods submissions --out results
-///   mvs-eval score --truth scan.ply --reconstruction cloud.ply --tau 0.01,0.02 --out results
+/// Example: mvs-eval score --protocol tnt --scene data/Barn --reconstruction barn.ply
+/// --trajectory barn.log --out results/barn
+///
+/// Example: mvs-eval score --all data --methods submissions --out results
+///
+/// Example: mvs-eval score --truth scan.ply --reconstruction cloud.ply --tau 0.01,0.02 --out results
 #[derive(Debug, Args, Serialize)]
-#[command(verbatim_doc_comment)]
 pub(crate) struct ScoreArgs {
     /// The procedure: `plain` (default) or `tnt`, Tanks and Temples
     #[arg(long, value_enum)]

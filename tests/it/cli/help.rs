@@ -2,12 +2,60 @@
 
 use assert_cmd::Command;
 
+const COMMANDS: [&str; 16] = [
+    "demo", "generate", "fuse", "score", "report", "compare", "depth", "tradeoff", "verify",
+    "render", "augment", "pairs", "blend", "inspect", "extremes", "replay",
+];
+
 fn help(command: Option<&str>, columns: usize) -> String {
     let mut run = Command::new(assert_cmd::cargo::cargo_bin!("mvs-eval"));
     run.env("COLUMNS", columns.to_string()).args(command);
     let output = run.arg("--help").output().unwrap();
     assert!(output.status.success());
     String::from_utf8(output.stdout).unwrap()
+}
+
+fn indent(line: &str) -> usize {
+    line.chars().take_while(|&letter| letter == ' ').count()
+}
+
+/// Lists, usages, options and the drawing of the data's way have lines of their own.
+fn is_prose(line: &str) -> bool {
+    let own = ["-", "[", "Usage:"]
+        .iter()
+        .any(|mark| line.trim().starts_with(mark));
+    !own && !line.trim().is_empty() && !line.contains("-->") && indent(line) != 2
+}
+
+/// A line ends where the next word has no room: text that was broken by hand for another width has short
+/// lines in between.
+#[test]
+fn paragraphs_are_broken_once_at_the_width_of_the_terminal() {
+    for columns in [80, 100] {
+        let mut lines = 0;
+        for command in [None].into_iter().chain(COMMANDS.map(Some)) {
+            let text = help(command, columns);
+            if command.is_none() {
+                for command in COMMANDS {
+                    assert!(text.contains(&format!("\n  {command} ")), "{command}");
+                }
+            }
+            for (line, next) in text.lines().zip(text.lines().skip(1)) {
+                let width = line.chars().count();
+                assert!(width <= columns, "{command:?} at {columns}: {line}");
+                if indent(line) != indent(next) || !is_prose(line) || !is_prose(next) {
+                    continue;
+                }
+                let word = next.split_whitespace().next().unwrap();
+                assert!(
+                    width + 1 + word.chars().count() > columns,
+                    "{command:?} at {columns}: `{word}` had room behind: {line}"
+                );
+                lines += 1;
+            }
+        }
+        assert!(lines > 100, "{lines}");
+    }
 }
 
 #[test]
