@@ -12,8 +12,8 @@ use std::path::PathBuf;
 /// and as bad), absolute and relative, inliers at 1.03, density, and the area under the
 /// sparsification error where there is confidence; per view and for the scene. Views without a depth
 /// map, or whose map has no depth where the truth counts, count as density 0, make the means partial and
-/// the exit code 1; so does a truth that counts nowhere. Views whose truth counts nowhere are told of, and are in
-/// no mean.
+/// the exit code 1; so does a truth that counts nowhere. Views whose truth counts nowhere (no-truth in depth.csv)
+/// are told of, and are in no mean.
 ///
 /// Example: mvs-eval depth --truth scene --estimates estimates --out depth
 #[derive(Debug, Args, Serialize)]
@@ -57,10 +57,9 @@ pub(crate) fn execute(job: &DepthJob, global: &Global) -> anyhow::Result<Verdict
             table.add_row(std::iter::once(name).chain(scores.values().map(text)));
         };
         for row in &outcome.views {
-            let mark = match (row.missing, row.is_empty()) {
-                (true, _) => " (missing)",
-                (_, true) => " (empty)",
-                _ => "",
+            let mark = match depth::status_of(row) {
+                "compared" => String::new(),
+                status => format!(" ({})", status.replace('-', " ")),
             };
             add(format!("{}{mark}", row.view), &row.scores);
         }

@@ -305,11 +305,16 @@ fn picture(truth: &Raster<f32>, planes: &DepthPlanes, errors: &DepthErrors) -> R
     Ok(picture)
 }
 
-fn status_of(row: &DepthRow) -> &'static str {
-    match (row.missing, row.is_empty()) {
-        (true, _) => "missing",
-        (_, true) => "empty",
-        _ => "compared",
+/// What became of a view, in one word.
+pub fn status_of(row: &DepthRow) -> &'static str {
+    if row.missing {
+        "missing"
+    } else if row.is_empty() {
+        "empty"
+    } else if row.counted == 0 {
+        "no-truth"
+    } else {
+        "compared"
     }
 }
 

@@ -65,7 +65,8 @@ pub struct DepthRow {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DepthScene {
     /// Whether views are missing. Errors are then means over the others, and say less than those of a
-    /// method that dared them all; density is over all views.
+    /// method that dared them all; density is over all views. A view whose truth counts nowhere makes no
+    /// means partial by itself: it is in no method's.
     pub partial: bool,
     /// The unweighted mean over the views that have the value: the published data-set value.
     pub mean_over_views: DepthScores,

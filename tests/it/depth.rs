@@ -265,6 +265,28 @@ fn what_is_wrong_with_the_truth_is_said() {
             stderr(&output)
         );
     }
+    // Of one view: no method can do better there, so that the means are whole.
+    let estimates = folder.path().join("estimates");
+    put(&truth, 0, (4, 2), &[8.5; 8]);
+    put(&truth, 2, (4, 2), &[4.0; 8]);
+    put(&truth, 5, (4, 2), &[4.0; 8]);
+    put(&estimates, 5, (4, 2), &[4.0; 8]);
+    let out = folder.path().join("out");
+    let output = run(&arguments(folder.path(), &["--out", text(&out)]));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("view 0: no true depth lies in its range"));
+    let csv = fs::read_to_string(out.join("depth.csv")).unwrap();
+    let status = |line: &str| line.rsplit(',').next().unwrap().to_owned();
+    let statuses: Vec<String> = csv.lines().skip(1).map(status).collect();
+    let expected = ["no-truth", "compared", "compared", "complete", "complete"];
+    assert_eq!(statuses, expected, "{csv}");
+    let table = run(&arguments(folder.path(), &["--format", "table"]));
+    let table = String::from_utf8(table.stdout).unwrap();
+    assert!(table.contains("0 (no truth)"), "{table}");
+    // A map that is missing there says nothing either.
+    fs::remove_file(estimates.join("00000000.pfm")).unwrap();
+    let output = run(&arguments(folder.path(), &[]));
+    assert_eq!(output.status.code(), Some(1));
     for id in [0, 2, 5] {
         put(&truth, id, (4, 2), &[8.5; 8]);
         put(&folder.path().join("estimates"), id, (4, 2), &[8.5; 8]);
