@@ -9,6 +9,7 @@ use std::path::Path;
 
 mod answers;
 mod help;
+mod inspect;
 mod refusals;
 
 /// The run fails with exit code 2 and one line of error that says all of `parts`.

@@ -65,6 +65,23 @@ pub struct ReadCameras {
 /// (`00000012.jpg`), else, where a name is no number of at most eight digits or two are the same number, places in name
 /// order; those of a `.log` are the poses' places in it.
 pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> {
+    read_with_points(path, options, Points::Needed)
+}
+
+/// As [`read_scene`], to look at: where the file of a COLMAP model's points cannot be read, a note says why,
+/// and views have no depth ranges.
+pub fn inspect_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> {
+    read_with_points(path, options, Points::Optional)
+}
+
+/// Whether a COLMAP model's points that are there must be readable.
+#[derive(Clone, Copy)]
+enum Points {
+    Needed,
+    Optional,
+}
+
+fn read_with_points(path: &Path, options: &CamerasOptions, points: Points) -> Result<ReadCameras> {
     let mut found = candidates(path)?;
     if found.is_empty() {
         let problem = "expected cameras: *_cam.txt files (here or in cams/), a COLMAP model \
@@ -75,7 +92,7 @@ pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> 
     let (source, path) = found.remove(0);
     let (scene, mut notes) = match source {
         CameraSource::Cams => read_cams(&path, options)?,
-        CameraSource::Colmap => (read_colmap(&path, options)?, text_beside(&path)),
+        CameraSource::Colmap => read_colmap(&path, options, points)?,
         CameraSource::Transforms => read_transforms(&path, options)?,
         CameraSource::Log => read_log(&path, options)?,
     };
@@ -208,9 +225,23 @@ impl Model {
     }
 }
 
-fn read_colmap(folder: &Path, options: &CamerasOptions) -> Result<Scene> {
-    let model = read_model(folder, options)?;
-    Scene::new(model.views()?).map_err(|error| Error::layout(&model.images_path, error.to_string()))
+fn read_colmap(
+    folder: &Path,
+    options: &CamerasOptions,
+    needed: Points,
+) -> Result<(Scene, Vec<String>)> {
+    let mut notes = text_beside(folder);
+    let points = read_points(folder).or_else(|error| match needed {
+        Points::Needed => Err(error),
+        Points::Optional => {
+            notes.push(format!("{error}: without it views have no depth ranges"));
+            Ok(Vec::new())
+        }
+    });
+    let model = read_model(folder, options, points?)?;
+    let scene = Scene::new(model.views()?);
+    let scene = scene.map_err(|error| Error::layout(&model.images_path, error.to_string()))?;
+    Ok((scene, notes))
 }
 
 /// Says so where the model in `folder` is there as text too.
@@ -224,11 +255,25 @@ fn text_beside(folder: &Path) -> Vec<String> {
     both.then_some(note).into_iter().collect()
 }
 
-/// Reads the model in `folder`; no points where there is no such file.
+/// Reads the points of the model in `folder`; none where there is no such file.
+pub(super) fn read_points(folder: &Path) -> Result<Vec<ColmapPoint>> {
+    let [_, _, path] = model_files(folder);
+    match (path.is_file(), colmap_ending(folder) == Some("bin")) {
+        (false, _) => Ok(Vec::new()),
+        (true, true) => files::read_with(&path, colmap::read_points_binary),
+        (true, false) => files::read_text_with(&path, colmap::read_points_text),
+    }
+}
+
+/// Reads the model in `folder` beside its points.
 ///
 /// # Errors
 /// Files that cannot be read, and options that would shift cameras whose convention is known.
-pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Model> {
+pub(super) fn read_model(
+    folder: &Path,
+    options: &CamerasOptions,
+    points: Vec<ColmapPoint>,
+) -> Result<Model> {
     if options.pixel_centre == PixelCentre::Integer {
         let problem = "expected pixel centres as COLMAP's models have them, found integer ones asked \
              for: COLMAP defines pixel centres at (0.5, 0.5), and all views would shift by half a \
@@ -236,16 +281,11 @@ pub(super) fn read_model(folder: &Path, options: &CamerasOptions) -> Result<Mode
         return Err(Error::layout(folder, problem));
     }
     let binary = colmap_ending(folder) == Some("bin");
-    let [cameras_path, images_path, points_path] = model_files(folder);
+    let [cameras_path, images_path, _] = model_files(folder);
     let images = read_images(folder)?;
     let cameras = match binary {
         true => files::read_with(&cameras_path, colmap::read_cameras_binary)?,
         false => files::read_text_with(&cameras_path, colmap::read_cameras_text)?,
-    };
-    let points = match (points_path.is_file(), binary) {
-        (false, _) => Vec::new(),
-        (true, true) => files::read_with(&points_path, colmap::read_points_binary)?,
-        (true, false) => files::read_text_with(&points_path, colmap::read_points_text)?,
     };
     Ok(Model {
         cameras: cameras_by_id(&cameras).map_err(Error::in_file(&cameras_path))?,

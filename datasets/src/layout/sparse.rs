@@ -1,6 +1,8 @@
 //! A COLMAP model with its points: which view saw which.
 
-use super::cameras::{CamerasOptions, colmap_ending, model_place, read_images, read_model};
+use super::cameras::{
+    CamerasOptions, colmap_ending, model_place, read_images, read_model, read_points,
+};
 use super::files;
 use crate::error::{Error, Result};
 use crate::format::colmap;
@@ -26,7 +28,7 @@ pub struct SparseModel {
 /// Files that cannot be read, and a model without points or whose images saw none of them.
 pub fn read_sparse(path: &Path, options: &CamerasOptions) -> Result<SparseModel> {
     let place = place_of(path)?;
-    let model = read_model(&place, options)?;
+    let model = read_model(&place, options, read_points(&place)?)?;
     let places: BTreeMap<u64, usize> = model.points.iter().map(|point| point.id).zip(0..).collect();
     let seen = model.images.iter().map(|image| {
         let known = image.points.iter().filter_map(|id| places.get(id));

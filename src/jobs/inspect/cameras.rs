@@ -19,7 +19,7 @@ pub(super) fn inspect(job: &InspectJob) -> Answer {
         pixel_centre: job.pixel_center,
         ..CamerasOptions::default()
     };
-    let read = cameras::read_scene(&job.path, &options)?;
+    let read = cameras::inspect_scene(&job.path, &options)?;
     if read.source == CameraSource::Cams {
         return inspect_cams(job, read);
     }

@@ -1,0 +1,67 @@
+//! `inspect` on what is not whole.
+
+use super::*;
+
+/// A model of one camera and one image that saw points 1 and 2, with this `points3D.txt`.
+fn put_model(folder: &Path, points: &str) {
+    write(&folder.join("cameras.txt"), "1 PINHOLE 40 30 40 40 20 15\n");
+    write(
+        &folder.join("images.txt"),
+        "1 1 0 0 0 0 0 0 1 00000003.png\n1 2 1 3 4 2\n",
+    );
+    write(&folder.join("points3D.txt"), points);
+}
+
+#[test]
+fn a_model_whose_points_cannot_be_read_is_shown_without_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let inspected = |points: &str| {
+        put_model(folder.path(), points);
+        let output = mvs_eval(&["inspect", text(folder.path()), "--format", "table"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let points = "1 0 0 5 1 2 3 0.5\n2 0 0 6 1 2 3 0.5\n";
+    let whole = inspected(points);
+    assert!(
+        whole.contains("depth ranges") && !whole.contains("points3D"),
+        "{whole}"
+    );
+    let head = "# Number of points: 7, mean track length: 1\n";
+    for (broken, problem) in [
+        (format!("{head}{points}"), "expected 7 points"),
+        ("1 0 zero 5 1 2 3\n".to_owned(), "zero"),
+    ] {
+        let said = inspected(&broken);
+        assert!(said.contains("40x30 px"), "{said}");
+        let mut facts = said.lines().map(str::trim_start);
+        assert!(
+            !facts.any(|fact| fact.starts_with("depth ranges")),
+            "{said}"
+        );
+        assert!(
+            said.contains("points3D.txt") && said.contains(problem),
+            "{said}"
+        );
+        assert!(said.contains("no depth ranges"), "{said}");
+    }
+    // Whoever needs depth ranges is refused.
+    let mesh = folder.path().join("mesh.obj");
+    write(&mesh, TRIANGLE);
+    let photos = folder.path().join("photos");
+    halves(&photos.join("00000003.png"), (40, 30), [[9; 3]; 2]);
+    put_model(folder.path(), &format!("{head}{points}"));
+    let out = folder.path().join("out");
+    let generate = [
+        "generate",
+        "--mesh",
+        text(&mesh),
+        "--cameras",
+        text(folder.path()),
+        "--photos",
+        text(&photos),
+        "--out",
+        text(&out),
+    ];
+    assert_refused(&generate, &["points3D.txt", "expected 7 points"]);
+}
