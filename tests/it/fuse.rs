@@ -412,6 +412,23 @@ fn a_colmap_workspace_with_maps_smaller_than_its_images_fuses_onto_the_surface()
         "{message}"
     );
     std::fs::remove_file(folder.path().join("sparse/frames.txt")).unwrap();
+    // Wherever the model lies, all its files are inputs.
+    for (from, to) in [("sparse", "colmap"), ("colmap", "")] {
+        let (from, to) = (folder.path().join(from), folder.path().join(to));
+        std::fs::create_dir_all(&to).unwrap();
+        for name in ["cameras.txt", "images.txt", "points3D.txt", "frames.txt"] {
+            let moved = std::fs::rename(from.join(name), to.join(name));
+            assert!(moved.is_ok() || name == "frames.txt");
+        }
+        crate::support::write(&to.join("frames.txt"), frames.as_bytes());
+        fuse(&job, true).unwrap();
+        assert_eq!(visible_in(folder.path(), &cloud), listed);
+        let run = Run::read(&folder.path().join("cloud.run.toml")).unwrap();
+        for name in ["cameras.txt", "images.txt", "points3D.txt", "frames.txt"] {
+            let path = to.join(name).display().to_string();
+            assert!(run.inputs.contains_key(&path), "{path}: {:?}", run.inputs);
+        }
+    }
     job.stereo = StereoPass::Photometric;
     let message = fuse(&job, true).unwrap_err().to_string();
     assert!(message.contains("photometric.bin, found none"), "{message}");

@@ -204,7 +204,7 @@ pub(super) fn colmap_ending(folder: &Path) -> Option<&'static str> {
 }
 
 /// The files of the COLMAP model in `folder`: cameras, images, and points, which may be missing.
-fn model_files(folder: &Path) -> [PathBuf; 3] {
+pub(super) fn model_files(folder: &Path) -> [PathBuf; 3] {
     let ending = colmap_ending(folder).unwrap_or("txt");
     ["cameras", "images", "points3D"].map(|name| folder.join(format!("{name}.{ending}")))
 }

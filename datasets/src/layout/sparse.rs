@@ -1,7 +1,7 @@
 //! A COLMAP model with its points: which view saw which.
 
 use super::cameras::{
-    CamerasOptions, colmap_ending, model_place, read_images, read_model, read_points,
+    self, CamerasOptions, colmap_ending, model_place, read_images, read_model, read_points,
 };
 use super::files;
 use crate::error::{Error, Result};
@@ -64,7 +64,7 @@ pub fn registered_names(path: &Path) -> Result<Vec<String>> {
     let place = place_of(path)?;
     let images = read_images(&place)?;
     let ending = colmap_ending(&place).unwrap_or("txt");
-    let frames_path = place.join(format!("frames.{ending}"));
+    let frames_path = frames_file(&place);
     if !frames_path.is_file() {
         return Ok(images.into_iter().map(|image| image.name).collect());
     }
@@ -86,6 +86,20 @@ pub fn registered_names(path: &Path) -> Result<Vec<String>> {
         return Err(Error::layout(frames_path, problem));
     }
     Ok(ordered)
+}
+
+/// The files of the model at or under `path` that are there: those of [`read_sparse`] and
+/// [`registered_names`].
+pub fn model_files(path: &Path) -> Result<Vec<PathBuf>> {
+    let place = place_of(path)?;
+    let files = cameras::model_files(&place).into_iter();
+    let files = files.chain([frames_file(&place)]);
+    Ok(files.filter(|path| path.is_file()).collect())
+}
+
+/// The frames' file of the model in `folder`, which may be missing.
+fn frames_file(folder: &Path) -> PathBuf {
+    folder.join(format!("frames.{}", colmap_ending(folder).unwrap_or("txt")))
 }
 
 /// Where at or under `path` the model lies.

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::fuse::FuseMode;
 use mvs_datasets::layout::cameras::source_files;
 use mvs_datasets::layout::mvsnet;
+use mvs_datasets::layout::sparse;
 use mvs_datasets::layout::workspace::{StereoPass, Workspace};
 use std::path::PathBuf;
 
@@ -18,8 +19,7 @@ impl FuseJob {
                 "expected a scene folder, found none",
             ));
         }
-        let is_workspace =
-            self.depths.as_os_str().is_empty() && Workspace::at(&self.scene).is_some();
+        let is_workspace = self.is_workspace();
         if self.stereo != StereoPass::default() && !is_workspace {
             let problem = "expected a COLMAP dense workspace without --depths, whose maps it picks, found \
                            none: leave it out";
@@ -52,6 +52,10 @@ impl FuseJob {
         Ok(())
     }
 
+    fn is_workspace(&self) -> bool {
+        self.depths.as_os_str().is_empty() && Workspace::at(&self.scene).is_some()
+    }
+
     /// Everything that is read: not the scene's whole folder, in which results may lie.
     pub(super) fn inputs(&self) -> Result<Vec<PathBuf>> {
         let parts = [
@@ -68,7 +72,11 @@ impl FuseJob {
             .into_iter()
             .flat_map(|scene| IMAGE_FOLDERS.map(|part| scene.join(part)));
         let beside: Vec<PathBuf> = beside.filter(|part| part.is_dir()).collect();
-        if read.is_empty() {
+        if self.is_workspace() {
+            let model = sparse::model_files(&self.scene)?.into_iter();
+            let beside = model.filter(|file| !read.iter().any(|part| file.starts_with(part)));
+            read.extend(beside.collect::<Vec<PathBuf>>());
+        } else if read.is_empty() {
             read.push(self.scene.clone());
         } else if !["cams", "sparse"]
             .iter()

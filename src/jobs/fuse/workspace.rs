@@ -55,15 +55,22 @@ pub(super) fn entries(
         let view = &model.views[index];
         let listed = sources[index].iter();
         let sources = listed.filter_map(|source| place.get(&source.id).copied());
-        let number = numbers.get(view.name.as_str()).copied();
-        entry(
-            job,
-            workspace,
-            view,
-            (sources.collect(), number.unwrap_or(0)),
-        )
+        let number = match job.vis {
+            true => number_of(view, &numbers)?,
+            false => 0,
+        };
+        entry(job, workspace, view, (sources.collect(), number))
     };
     present.iter().map(entry).collect()
+}
+
+/// Where COLMAP counts a view.
+fn number_of(view: &View, numbers: &BTreeMap<&str, u32>) -> Result<u32> {
+    numbers.get(view.name.as_str()).copied().ok_or_else(|| {
+        let problem = "expected it among the images that the model lists, found it no longer: the model \
+                       has changed while it was read";
+        Error::invalid(format!("image {}", view.name), problem)
+    })
 }
 
 /// Places in the model of the views to fuse, ascending.
