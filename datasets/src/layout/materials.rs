@@ -145,7 +145,7 @@ impl Library {
             return (draft, placement);
         };
         draft.material.color = stated.color.unwrap_or(draft.material.color);
-        if stated.texture.is_some() && !used.textured {
+        if (stated.texture.is_some() || stated.mask.is_some()) && !used.textured {
             let name = &used.name;
             self.note(
                 mesh,

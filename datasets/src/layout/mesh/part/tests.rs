@@ -51,6 +51,25 @@ fn options_of_textures_that_are_not_followed() {
 }
 
 #[test]
+fn maps_of_faces_without_texture_coordinates() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    put_image(folder);
+    let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+    let obj = format!("mtllib \"m.mtl\"\n{vertices}usemtl a\nf 1 2 3\n");
+    put(folder, "m.obj", &obj);
+    let expected = ["faces of material \"a\" lack texture coordinates"];
+    for (maps, parts) in [
+        ("map_Kd t.png", &expected[..]),
+        ("map_d t.png", &expected),
+        ("Kd 1 0 0", &[]),
+    ] {
+        put(folder, "m.mtl", &format!("newmtl a\n{maps}\n"));
+        said(folder, "m.obj", parts);
+    }
+}
+
+#[test]
 fn textures_and_colors_of_a_ply_that_do_not_show() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
