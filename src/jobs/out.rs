@@ -5,7 +5,7 @@ use crate::provenance::{Inputs, Run, real_path};
 use mvs_datasets::layout::blocks::BlockWriter;
 use mvs_datasets::layout::files;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
+use std::fs::{self, TryLockError};
 use std::io::Write;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -29,6 +29,8 @@ pub struct OutDir {
     asked: Mutex<BTreeMap<PathBuf, bool>>,
     /// Whether files may have been written that were not asked for.
     begun: bool,
+    /// The folder, which no other run may take while it is open.
+    _lock: Option<fs::File>,
 }
 
 impl OutDir {
@@ -44,10 +46,18 @@ impl OutDir {
     /// Makes the folder for the result of `run`, or takes an existing one that has no result yet,
     /// that an interrupted run of the same options and inputs left behind, or, with `force`, any but an
     /// input and one of whose result there are files among the inputs.
+    ///
+    /// Until the result is finished or given up no other run may take the folder.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
-        check_given(path)?;
-        check_place(path, &run)?;
-        fs::create_dir_all(path).map_err(mvs_datasets::Error::io(path, "create the folder"))?;
+        make_folder(path, &run)?;
+        let lock = locked(path)?;
+        let mut out = Self::take(path, run, force)?;
+        out._lock = lock;
+        Ok(out)
+    }
+
+    /// As [`OutDir::create`] for a folder that has been made.
+    fn take(path: &Path, run: Run, force: bool) -> Result<Self> {
         let mut out = Self::at(path, run);
         if out.has_files()? && !force && !out.is_marked(UNFINISHED) {
             return Err(Error::exists(path));
@@ -86,6 +96,7 @@ impl OutDir {
             before: None,
             asked: Mutex::default(),
             begun: false,
+            _lock: None,
         }
     }
 
@@ -104,10 +115,11 @@ impl OutDir {
     }
 
     /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the
-    /// same bytes are made again.
+    /// same bytes are made again. Several runs may do so at once, as shards do.
     pub fn create_again(path: &Path, run: Run, force: bool) -> Result<Self> {
+        make_folder(path, &run)?;
         let same = Self::at(path, run.clone()).is_marked(FINISHED);
-        Self::create(path, run, force || same)
+        Self::take(path, run, force || same)
     }
 
     /// Whether the mark in the folder is that of the same options and inputs.
@@ -234,6 +246,29 @@ impl Drop for OutDir {
         {
             // Nothing can be said of a failure here; both marks together are known as unfinished.
             let _ = remove_if_there(&self.path.join(UNFINISHED));
+        }
+    }
+}
+
+fn make_folder(path: &Path, run: &Run) -> Result<()> {
+    check_given(path)?;
+    check_place(path, run)?;
+    let failed = mvs_datasets::Error::io(path, "create the folder");
+    Ok(fs::create_dir_all(path).map_err(failed)?)
+}
+
+/// The folder itself, locked while it is open; none where systems or file systems do not lock folders.
+fn locked(path: &Path) -> Result<Option<fs::File>> {
+    let Ok(folder) = fs::File::open(path) else {
+        return Ok(None);
+    };
+    match folder.try_lock() {
+        Ok(()) => Ok(Some(folder)),
+        Err(TryLockError::Error(_)) => Ok(None),
+        Err(TryLockError::WouldBlock) => {
+            let problem = "expected a folder for this run alone, found one that another run is writing: wait \
+                           until that ends, or give another --out";
+            Err(Error::invalid(path.display().to_string(), problem))
         }
     }
 }

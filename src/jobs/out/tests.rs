@@ -32,6 +32,31 @@ fn a_result_is_not_replaced_without_force() {
     assert!(OutDir::create_again(folder.path(), run_of(4), false).is_ok());
 }
 
+/// Two runs at once would mix their files.
+#[cfg(unix)]
+#[test]
+fn a_folder_is_one_runs_until_it_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = OutDir::create(folder.path(), run_of(4), false).unwrap();
+    for (samples, force) in [(4, false), (4, true), (16, true)] {
+        let error = OutDir::create(folder.path(), run_of(samples), force);
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("another run is writing"), "{error}");
+    }
+    // What is written inside is another result.
+    let inside = OutDir::create(&folder.path().join("inside"), run_of(4), false);
+    inside.unwrap().finish().unwrap();
+    first.write_json("a.json", &1).unwrap();
+    first.finish().unwrap();
+    let files = std::fs::read_dir(folder.path()).unwrap().count();
+    assert_eq!(files, 3, "nothing but the result is left");
+    drop(OutDir::create(folder.path(), run_of(16), true).unwrap());
+    OutDir::create(folder.path(), run_of(16), true).unwrap();
+    // Shards share theirs.
+    let shards = [1, 2].map(|_| OutDir::create_again(folder.path(), run_of(16), true));
+    assert!(shards.iter().all(Result::is_ok));
+}
+
 #[test]
 fn an_interrupted_run_of_the_same_options_goes_on() {
     let folder = tempfile::tempdir().unwrap();
