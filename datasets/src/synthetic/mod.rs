@@ -191,7 +191,7 @@ impl SyntheticScene {
         let count = area / (spacing * spacing);
         if !(spacing > 0.0 && count <= MOST) {
             let least = (area / MOST).sqrt();
-            let problem = format!("expected at least {least:.1e} world units, found {spacing}");
+            let problem = format!("expected at least {least:.1e} world units, found {spacing:?}");
             return Err(Error::invalid("sample spacing", problem));
         }
         let (mut positions, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
@@ -580,5 +580,7 @@ mod tests {
         for spacing in [0.0, -1.0, f64::NAN, 1e-9] {
             assert!(scene().sample_surface(spacing).is_err(), "{spacing}");
         }
+        let said = scene().sample_surface(5e-151).unwrap_err().to_string();
+        assert!(said.ends_with("found 5e-151"), "{said}");
     }
 }
