@@ -99,7 +99,7 @@ impl Inputs {
             ply::write_cloud(file, &truth, &[], &double)
         })?;
         let renderer = Renderer::new(self.scene.mesh())?;
-        parallel::try_map(self.scene.scene().views().len(), |index| {
+        parallel::try_map_pieces(self.scene.scene().views().len(), |index| {
             self.write_view(index, &renderer)
         })?;
         if self.workspace {

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use rayon::prelude::*;
+use std::cell::Cell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// More than any machine has processors for; starting each of them is work.
@@ -21,19 +22,73 @@ pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) ->
     Ok(pool.install(work))
 }
 
-/// How many threads work at a time. Results must not depend on it; memory may.
+thread_local! {
+    /// What this thread is in the midst of.
+    static WORK: Cell<Work> = const { Cell::new(Work::Shared) };
+}
+
+/// How a thread works on what it calls the functions here for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Work {
+    /// With all others.
+    Shared,
+    /// With all others, within a piece of [`map_pieces`].
+    SharedPiece,
+    /// By itself, within a piece.
+    Alone,
+}
+
+impl Work {
+    /// Does `work` in this way.
+    fn during<T>(self, work: impl FnOnce() -> T) -> T {
+        struct Restore(Work);
+        impl Drop for Restore {
+            fn drop(&mut self) {
+                WORK.set(self.0);
+            }
+        }
+        let _restore = Restore(WORK.replace(self));
+        work()
+    }
+}
+
+/// Does `work` in a frame of its own. Sharing out is a function that calls itself: what is inlined into it
+/// is on the stack once per level.
+#[inline(never)]
+fn apart<T>(work: impl FnOnce() -> T) -> T {
+    work()
+}
+
+fn alone() -> bool {
+    WORK.get() == Work::Alone
+}
+
+/// How many threads work at a time on what is given to the functions here. Results must not depend on it;
+/// memory may.
 pub fn threads() -> usize {
-    rayon::current_num_threads().max(1)
+    match alone() {
+        true => 1,
+        false => rayon::current_num_threads().max(1),
+    }
 }
 
 /// Sorts values; equal ones are not told apart.
 pub fn sort<T: Ord + Send>(values: &mut [T]) {
-    values.par_sort_unstable();
+    match alone() {
+        true => values.sort_unstable(),
+        false => values.par_sort_unstable(),
+    }
 }
 
 /// `f(0), f(1), … f(count − 1)` in order, computed in parallel.
 pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    (0..count).into_par_iter().map(f).collect()
+    match alone() {
+        true => (0..count).map(f).collect(),
+        false => {
+            let apart = |index| apart(|| f(index));
+            (0..count).into_par_iter().map(apart).collect()
+        }
+    }
 }
 
 /// As [`map`], with room for `f` to work in, which is made anew for a few indices at a time.
@@ -42,7 +97,13 @@ pub fn map_with<T: Send, R>(
     room: impl Fn() -> R + Sync + Send,
     f: impl Fn(&mut R, usize) -> T + Sync + Send,
 ) -> Vec<T> {
-    (0..count).into_par_iter().map_init(room, f).collect()
+    if alone() {
+        let mut room = room();
+        return (0..count).map(|index| f(&mut room, index)).collect();
+    }
+    let room = || apart(|| Box::new(room()));
+    let apart = |room: &mut Box<R>, index| apart(|| f(room, index));
+    (0..count).into_par_iter().map_init(room, apart).collect()
 }
 
 /// As [`map`]; the error of the smallest index among those that failed. After a failure nothing new
@@ -50,6 +111,46 @@ pub fn map_with<T: Send, R>(
 pub fn try_map<T: Send>(
     count: usize,
     f: impl Fn(usize) -> Result<T> + Sync + Send,
+) -> Result<Vec<T>> {
+    until_failed(f, |f| map(count, f))
+}
+
+/// As [`map`], for large pieces of work, such as a view each, that use the functions here themselves. While
+/// there are pieces enough for all threads, each is done by one thread alone; of the last ones, threads that
+/// have none left take a share.
+///
+/// A thread that waits for the shares of others takes up whatever is next. Were that always another piece,
+/// it would begin one within the other until its stack overflows, and have all of them in memory. Here at
+/// most one is begun within another.
+pub fn map_pieces<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    let (begun, threads) = (AtomicUsize::new(0), threads());
+    let piece = |index| {
+        let left = count - begun.fetch_add(1, Ordering::Relaxed);
+        let work = match WORK.get() {
+            Work::Shared if left < threads => Work::SharedPiece,
+            _ => Work::Alone,
+        };
+        apart(|| work.during(|| f(index)))
+    };
+    if alone() {
+        return (0..count).map(piece).collect();
+    }
+    let indices = (0..count).into_par_iter().with_max_len(1);
+    indices.map(piece).collect()
+}
+
+/// As [`map_pieces`], with errors as [`try_map`] has them.
+pub fn try_map_pieces<T: Send>(
+    count: usize,
+    f: impl Fn(usize) -> Result<T> + Sync + Send,
+) -> Result<Vec<T>> {
+    until_failed(f, |f| map_pieces(count, f))
+}
+
+/// What `all` makes of `f` up to its first failure.
+fn until_failed<T, F: Fn(usize) -> Result<T> + Sync + Send>(
+    f: F,
+    all: impl FnOnce(&(dyn Fn(usize) -> Option<Result<T>> + Sync)) -> Vec<Option<Result<T>>>,
 ) -> Result<Vec<T>> {
     let failed = AtomicUsize::new(usize::MAX);
     let unless_failed = |index| {
@@ -63,7 +164,7 @@ pub fn try_map<T: Send>(
         Some(result)
     };
     // What was not begun comes after the first failure, at which collecting ends.
-    map(count, unless_failed).into_iter().flatten().collect()
+    all(&unless_failed).into_iter().flatten().collect()
 }
 
 /// Calls `f(index, chunk)` for every chunk of `size` values, in parallel.
@@ -72,10 +173,7 @@ pub fn for_each_chunk<T: Send>(
     size: usize,
     f: impl Fn(usize, &mut [T]) + Sync + Send,
 ) {
-    values
-        .par_chunks_mut(size.max(1))
-        .enumerate()
-        .for_each(|(index, chunk)| f(index, chunk));
+    for_each_chunk_with((values, size), || (), |(), index, chunk| f(index, chunk));
 }
 
 /// As [`for_each_chunk`], with room for `f` to work in, which is made anew for a few chunks at a time.
@@ -84,10 +182,16 @@ pub fn for_each_chunk_with<T: Send, R>(
     room: impl Fn() -> R + Sync + Send,
     f: impl Fn(&mut R, usize, &mut [T]) + Sync + Send,
 ) {
-    values
-        .par_chunks_mut(size.max(1))
-        .enumerate()
-        .for_each_init(room, |room, (index, chunk)| f(room, index, chunk));
+    let size = size.max(1);
+    if alone() {
+        let mut room = room();
+        let chunks = values.chunks_mut(size).enumerate();
+        return chunks.for_each(|(index, chunk)| f(&mut room, index, chunk));
+    }
+    values.par_chunks_mut(size).enumerate().for_each_init(
+        || apart(|| Box::new(room())),
+        |room, (index, chunk)| apart(|| f(room, index, chunk)),
+    );
 }
 
 #[cfg(test)]
@@ -105,6 +209,45 @@ mod tests {
                     .all(|(index, &square)| square == index * index)
             );
         }
+    }
+
+    #[test]
+    fn pieces_are_done_one_at_a_time_but_for_the_last() {
+        thread_local!(static UNDER_WAY: Cell<usize> = const { Cell::new(0) });
+        let (shared, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let piece = |index: usize| {
+            UNDER_WAY.set(UNDER_WAY.get() + 1);
+            most.fetch_max(UNDER_WAY.get(), Ordering::Relaxed);
+            shared.fetch_add(usize::from(threads() > 1), Ordering::Relaxed);
+            // Some shares take longer than others: whoever is done first waits.
+            let sum: usize = map(64, |share| {
+                let steps = if share % 9 == 0 { 20_000 } else { 200 };
+                let last = map(2, |half| (0..steps + half).fold(index, |a, b| a ^ b));
+                std::hint::black_box(last).len() + index
+            })
+            .iter()
+            .sum();
+            UNDER_WAY.set(UNDER_WAY.get() - 1);
+            sum
+        };
+        for count in [1, 5, 8, 9, 200] {
+            shared.store(0, Ordering::Relaxed);
+            let sums = with_threads(8, || map_pieces(count, piece)).unwrap();
+            assert!((sums.iter().enumerate()).all(|(index, &sum)| sum == 64 * (2 + index)));
+            let shared = shared.load(Ordering::Relaxed);
+            assert!(shared <= count.min(7), "{shared} of {count} shared");
+        }
+        assert_eq!(
+            with_threads(1, || map_pieces(3, |_| threads())).unwrap(),
+            [1; 3]
+        );
+        assert!(most.load(Ordering::Relaxed) <= 2, "{most:?} on one thread");
+        let failing = |index: usize| match index {
+            3 | 5 => Err(Error::invalid("index", index.to_string())),
+            _ => Ok(index),
+        };
+        let failed = with_threads(8, || try_map_pieces(50, failing)).unwrap();
+        assert_eq!(failed.unwrap_err().to_string(), "index: 3");
     }
 
     #[test]

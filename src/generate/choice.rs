@@ -55,7 +55,7 @@ pub(super) fn plan_scene(
         true => Some(Covisibility::measure(surface, &sets[0], look, progress)?),
         false => None,
     };
-    let seeing = parallel::map(views.len(), |place| sees(&place));
+    let seeing = parallel::map_pieces(views.len(), |place| sees(&place));
     let chosen = match (source.sources, &covisibility) {
         (None, Some(covisibility)) => covisibility.sources(&sets[0], options.pairs.sources),
         (chosen, _) => (given.iter())

@@ -110,12 +110,12 @@ impl Covisibility {
         let (mut scores, mut shared) = (vec![0.0; count * count], vec![0.0; count * count]);
         for first in (0..count).step_by(together) {
             let references = &views[first..count.min(first + together)];
-            let surfaces = parallel::try_map(references.len(), |at| {
+            let surfaces = parallel::try_map_pieces(references.len(), |at| {
                 progress.check()?;
                 let look = (options, back_faces);
                 Ok(surface_points((renderer, mesh), &references[at], look))
             })?;
-            let columns = parallel::try_map(count, |other| {
+            let columns = parallel::try_map_pieces(count, |other| {
                 progress.check()?;
                 let surfaces = references.iter().zip(&surfaces);
                 let column = compare(renderer, surfaces, &views[other], options);
@@ -189,7 +189,7 @@ pub(crate) fn count_behind(
 ) -> usize {
     let sees = |view: &View, back_faces| sees_surface(surface, view, (options, back_faces));
     let behind = |view: &View| !sees(view, back_faces) && sees(view, BackFaces::Valid);
-    let behind = parallel::map(views.len(), |index| behind(&views[index]));
+    let behind = parallel::map_pieces(views.len(), |index| behind(&views[index]));
     behind.into_iter().filter(|&behind| behind).count()
 }
 

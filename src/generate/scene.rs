@@ -169,7 +169,7 @@ impl SetWork<'_> {
         };
         let each = |view: &Each<'_>| {
             progress.begin("generating views", mine.len() as u64);
-            parallel::try_map(mine.len(), |at| {
+            parallel::try_map_pieces(mine.len(), |at| {
                 progress.check()?;
                 let index = mine[at];
                 let views = (&self.plan.views[index], &self.fitted[index]);

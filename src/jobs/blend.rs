@@ -87,7 +87,7 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
         context.warnings.add(&warning.code, warning.message);
     }
     context.progress.begin("blending", inputs.len() as u64);
-    let images = parallel::try_map(inputs.len(), |index| {
+    let images = parallel::try_map_pieces(inputs.len(), |index| {
         context.progress.check()?;
         let image = blend_one(&inputs[index], job, &out)?;
         context.progress.advance(1);

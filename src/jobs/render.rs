@@ -143,7 +143,7 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let renderer = Renderer::new(&loaded.mesh)?;
     let views = scene.views();
     context.progress.begin("rendering", views.len() as u64);
-    let views = parallel::try_map(views.len(), |index| {
+    let views = parallel::try_map_pieces(views.len(), |index| {
         context.progress.check()?;
         let rendered = render_view(&renderer, &views[index], job, &out)?;
         context.progress.advance(1);

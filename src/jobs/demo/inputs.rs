@@ -56,14 +56,41 @@ pub(super) fn write(
     })?;
     let renderer = Renderer::new(scene.mesh())?;
     let views = scene.scene().views();
+    remove_from(&inputs, views.len() as u32)?;
     progress.begin("photographs", views.len() as u64);
-    parallel::try_map(views.len(), |index| {
+    parallel::try_map_pieces(views.len(), |index| {
         progress.check()?;
         write_view(&inputs, scene, index, (&renderer, noise))?;
         progress.advance(1);
         Ok(())
     })?;
     Ok(inputs)
+}
+
+/// The files of a view: cam, photograph, depth and confidence.
+fn files_of(inputs: &Inputs, id: u32) -> [PathBuf; 4] {
+    let (cams, photos) = (&inputs.cameras, &inputs.photos);
+    [
+        cams.join(mvsnet::file_name(id, "_cam.txt")),
+        photos.join(mvsnet::file_name(id, ".jpg")),
+        inputs.depths.join(mvsnet::file_name(id, ".pfm")),
+        inputs.confidence.join(mvsnet::file_name(id, ".pfm")),
+    ]
+}
+
+/// Removes the views from `first` on, which an earlier demo with more of them left.
+fn remove_from(inputs: &Inputs, first: u32) -> Result<()> {
+    for id in first.. {
+        let files = files_of(inputs, id);
+        let there = || files.iter().filter(|path| path.exists());
+        if there().next().is_none() {
+            break;
+        }
+        for path in there() {
+            std::fs::remove_file(path).map_err(mvs_datasets::Error::io(path, "remove"))?;
+        }
+    }
+    Ok(())
 }
 
 fn write_view(
@@ -73,21 +100,15 @@ fn write_view(
     (renderer, noise): (&Renderer, &DepthNoise),
 ) -> Result<()> {
     let view = &scene.scene().views()[index];
-    let cam = inputs.cameras.join(mvsnet::file_name(view.id, "_cam.txt"));
+    let [cam, path, depth_path, confidence_path] = files_of(inputs, view.id);
     mvsnet::write_view(&cam, view, PixelCentre::Half)?;
     let rendering = renderer.render(view, &RenderOptions::default())?;
     let photograph = scene.photograph(index, &rendering.color);
-    let path = inputs.photos.join(mvsnet::file_name(view.id, ".jpg"));
     files::write_atomically(&path, |file| {
         image::write_jpeg(file, &photograph, JpegOptions::default())
     })?;
     let (depth, confidence) = scene.estimated_depth(index, noise);
-    let name = mvsnet::file_name(view.id, ".pfm");
-    files::write_atomically(&inputs.depths.join(&name), |file| {
-        pfm::write_gray(file, depth.raster())
-    })?;
-    files::write_atomically(&inputs.confidence.join(&name), |file| {
-        pfm::write_gray(file, &confidence)
-    })?;
+    files::write_atomically(&depth_path, |file| pfm::write_gray(file, depth.raster()))?;
+    files::write_atomically(&confidence_path, |file| pfm::write_gray(file, &confidence))?;
     Ok(())
 }
