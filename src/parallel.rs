@@ -80,6 +80,42 @@ pub fn sort<T: Ord + Send>(values: &mut [T]) {
     }
 }
 
+/// What both do, at the same time where there are threads for it.
+pub fn both<A: Send, B: Send>(
+    a: impl FnOnce() -> A + Send,
+    b: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    match alone() {
+        true => (a(), b()),
+        false => rayon::join(|| apart(a), || apart(b)),
+    }
+}
+
+/// `f(0), f(1), … f(count − 1)` in order, computed in parallel some at a time: for many that are little work.
+pub fn map_each<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    const SOME: usize = 1 << 12;
+    match alone() {
+        true => (0..count).map(f).collect(),
+        false => (0..count)
+            .into_par_iter()
+            .with_min_len(SOME)
+            .map(f)
+            .collect(),
+    }
+}
+
+/// Whether `f(0), f(1), … f(count − 1)` all are true, asked some at a time.
+pub fn all(count: usize, f: impl Fn(usize) -> bool + Sync + Send) -> bool {
+    const SOME: usize = 1 << 14;
+    let holds = |first: usize| (first..count.min(first + SOME)).all(&f);
+    match alone() {
+        true => (0..count).all(f),
+        false => (0..count.div_ceil(SOME))
+            .into_par_iter()
+            .all(|nth| holds(nth * SOME)),
+    }
+}
+
 /// `f(0), f(1), … f(count − 1)` in order, computed in parallel.
 pub fn map<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     match alone() {

@@ -1,6 +1,7 @@
 //! Who made a result, from what and how: `run.toml` beside every result, which replays it.
 
 use crate::error::{Error, Result};
+use crate::parallel;
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -193,18 +194,12 @@ impl Inputs {
     /// # Errors
     /// What cannot be read.
     pub fn hash_others(&self, later: &BTreeSet<&Path>) -> Result<()> {
-        let mut waiting: Vec<&Listed> = self.listed.values().collect();
-        while let Some(listed) = waiting.pop() {
-            match listed {
-                Listed::Folder(entries) => waiting.extend(entries.iter().map(|(_, entry)| entry)),
-                Listed::File(path) if later.contains(path.as_path()) => {}
-                Listed::File(path) if self.known().contains_key(path) => {}
-                Listed::File(path) => {
-                    let hash = hash_file(path)?;
-                    self.known().insert(path.clone(), hash);
-                }
-            }
-        }
+        let mut paths = self.files();
+        paths.retain(|path| !later.contains(path) && !self.known().contains_key(*path));
+        paths.sort_unstable();
+        let hashes = parallel::try_map(paths.len(), |nth| hash_file(paths[nth]))?;
+        let paths = paths.into_iter().map(Path::to_path_buf);
+        self.known().extend(paths.zip(hashes));
         Ok(())
     }
 
@@ -224,6 +219,7 @@ impl Inputs {
 
     /// BLAKE3 of each, as [`hash_path`] has it, by the path it was given as.
     fn hashes(&self) -> Result<BTreeMap<String, String>> {
+        self.hash_others(&BTreeSet::new())?;
         let hash = |(path, listed): (&String, &Listed)| Ok((path.clone(), self.hash(listed)?));
         self.listed.iter().map(hash).collect()
     }

@@ -1,11 +1,15 @@
 //! Cumulative curves over distance, as the Tanks and Temples toolbox bins them.
 
 use crate::tolerance::Tolerance;
+use rayon::prelude::*;
 
 /// How far past the tolerance the toolbox plots.
 const STRETCH: f64 = 5.0;
 /// Bins per tolerance.
 const BINS_PER_TOLERANCE: f64 = 100.0;
+
+/// Distances that one thread counts at a time.
+const COUNTED: usize = 1 << 16;
 
 /// The fraction of points whose nearest distance falls below each of a row of edges.
 ///
@@ -30,12 +34,16 @@ impl Curve {
 
     /// A curve over ascending finite edges, at least two.
     fn over(edges: Vec<f64>, distances: &[f64]) -> Self {
-        let mut counts = vec![0usize; edges.len().saturating_sub(1)];
-        for &distance in distances {
-            if let Some(bin) = bin_of(&edges, distance) {
+        let none = || vec![0usize; edges.len().saturating_sub(1)];
+        let count = |some: &[f64]| {
+            let mut counts = none();
+            for bin in some.iter().filter_map(|&distance| bin_of(&edges, distance)) {
                 counts[bin] += 1;
             }
-        }
+            counts
+        };
+        let sum = |a: Vec<usize>, b: Vec<usize>| a.iter().zip(&b).map(|(a, b)| a + b).collect();
+        let mut counts = distances.par_chunks(COUNTED).map(count).reduce(none, sum);
         let mut sum = 0;
         for count in &mut counts {
             sum += *count;

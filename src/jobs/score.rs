@@ -16,6 +16,7 @@ pub use document::{
 
 use super::{Context, OutDir};
 use crate::error::Result;
+use crate::parallel;
 use crate::provenance::Run;
 use crate::report::record::Record;
 use crate::score::sample::MeshAs;
@@ -116,10 +117,12 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     let run = Run::new("score", job, &OutDir::inputs(&job.out, &inputs)?)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let work = Work::new(job, &plan, context);
-    let scored = work.score()?;
+    // Hashes take a second for each two gigabytes, whatever the number of threads.
+    let (scored, hashes) = parallel::both(|| work.score(), || plan.hashes(job));
+    let scored = scored?;
     context.progress.check()?;
     context.progress.begin("writing", 1);
-    let document = work.document(&scored)?;
+    let document = work.document(&scored, hashes?)?;
     outputs::write_all(&out, &scored.evaluation, &document)?;
     out.finish()?;
     for warning in &document.warnings {

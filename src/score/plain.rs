@@ -47,7 +47,7 @@ impl Preparation {
                 Some(_) => format!(
                     "expected points of the truth inside the crop volume, found none of {input}: the \
                      truth spans {}; is it the crop file of this scene?",
-                    span(&Aabb::around(truth.iter()))
+                    span(&truth.bounds())
                 ),
                 None => format!("expected finite points, found {input} and none of them finite"),
             };

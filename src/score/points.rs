@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::parallel;
 use glam::{DMat3, DMat4, DVec3, Vec3};
-use mvs_datasets::scene::{CropVolume, PointCloud};
+use mvs_datasets::scene::{Aabb, CropVolume, PointCloud};
 use mvs_metrics::Stretches;
 use mvs_metrics::align::transform;
 use mvs_metrics::crop::Prism;
@@ -46,15 +46,21 @@ impl FinitePoints {
     /// The finite ones of `positions`.
     pub fn new(mut positions: Vec<DVec3>) -> Self {
         let input = positions.len();
-        positions.retain(|position| position.is_finite());
-        let non_finite = input - positions.len();
-        let is_single = |position: &DVec3| position.as_vec3().as_dvec3() == *position;
+        if !parallel::all(input, |index| positions[index].is_finite()) {
+            positions.retain(|position| position.is_finite());
+        }
+        let count = positions.len();
+        let non_finite = input - count;
         let ranks = distance::spatial_order(&positions);
-        let ordered = ranks.iter().map(|&rank| positions[rank as usize]);
-        let positions = if positions.iter().all(is_single) {
-            Positions::Single(ordered.map(|position| position.as_vec3()).collect())
+        let ordered = |index: usize| positions[ranks[index] as usize];
+        let is_single = |index: usize| {
+            let position = positions[index];
+            position.as_vec3().as_dvec3() == position
+        };
+        let positions = if parallel::all(count, is_single) {
+            Positions::Single(parallel::map_each(count, |index| ordered(index).as_vec3()))
         } else {
-            Positions::Double(ordered.collect())
+            Positions::Double(parallel::map_each(count, ordered))
         };
         let mut points = Self {
             positions,
@@ -113,6 +119,24 @@ impl FinitePoints {
             positions[rank as usize] = position;
         }
         positions
+    }
+
+    /// The box around the finite points.
+    pub fn bounds(&self) -> Aabb {
+        let (min, max) = self.boxes.iter().fold(NOWHERE, joined);
+        Aabb { min, max }
+    }
+
+    /// The box around the finite points once each is moved.
+    pub fn moved_bounds(&self, motion: DMat4) -> Aabb {
+        let boxes = parallel::map(self.len().div_ceil(BLOCK), |block| {
+            let indices = block * BLOCK..self.len().min((block + 1) * BLOCK);
+            indices.fold(NOWHERE, |corners, index| {
+                around(corners, motion.transform_point3(self.at(index)))
+            })
+        });
+        let (min, max) = boxes.iter().fold(NOWHERE, joined);
+        Aabb { min, max }
     }
 
     /// How many points were given, the dropped ones included.
@@ -295,7 +319,8 @@ impl<'a> Moved<'a> {
         if k <= 1 {
             return self;
         }
-        let mut kept: Vec<u32> = self.given().step_by(k).collect();
+        let kept = self.given().into_iter().step_by(k);
+        let mut kept: Vec<u32> = kept.map(|entry| entry as u32).collect();
         kept.sort_unstable();
         let kept = kept.into_iter().collect();
         // The box may be larger than theirs.
@@ -314,18 +339,19 @@ impl<'a> Moved<'a> {
         self.every_kth(k)
     }
 
-    /// The indices kept, in the order in which their points were given.
-    fn given(&self) -> impl Iterator<Item = u32> {
+    /// The indices kept in the low halves, in the order in which their points were given.
+    fn given(&self) -> Vec<u64> {
         let entry =
             |index: u32| u64::from(self.points.ranks[index as usize]) << 32 | u64::from(index);
         let mut entries: Vec<u64> = self.kept.iter().map(entry).collect();
-        entries.sort_unstable();
-        entries.into_iter().map(|entry| entry as u32)
+        parallel::sort(&mut entries);
+        entries
     }
 
     /// The moved points in the order given.
     pub fn in_given_order(&self) -> Vec<DVec3> {
-        self.given().map(|index| self.at(index as usize)).collect()
+        let given = self.given();
+        parallel::map_each(given.len(), |nth| self.at(given[nth] as u32 as usize))
     }
 
     /// How many points.
@@ -366,6 +392,11 @@ impl<'a> Moved<'a> {
         };
         downsample::voxel_each(&members, size, take)
     }
+}
+
+/// The box around both.
+fn joined((min, max): Corners, other: &Corners) -> Corners {
+    (min.min(other.0), max.max(other.1))
 }
 
 /// The box and a point that is not NaN.

@@ -15,6 +15,10 @@ const RUN: usize = 16;
 const SAMPLE: usize = 4096;
 /// Keys that one thread makes at a time.
 const KEYS: usize = 1 << 14;
+/// Bits of the digit by which entries are shared out.
+const SHARED_BITS: u32 = 10;
+/// Entries below which they are not.
+const FEW: usize = 1 << 16;
 
 /// The indices of `count` finite points in Hilbert order; at most 2³² − 1 points.
 ///
@@ -41,15 +45,90 @@ fn sort(
             *entry = u64::from(frame.key(at(index as usize))) << 32 | index;
         }
     });
-    radix_sort::<32, 10, 3>(entries, spare);
-    for run in entries.chunk_by_mut(|a, b| a >> 32 == b >> 32) {
+    sort_by_key(entries, spare);
+    let runs = entries.par_chunk_by_mut(|a, b| a >> 32 == b >> 32);
+    runs.for_each_init(Vec::new, |spare, run| {
         if run.len() > RUN {
             let inner = run.iter().map(|&entry| at(entry as u32 as usize));
             if let Some(frame) = Frame::around(inner) {
                 sort(at, run, &frame, spare);
             }
         }
+    });
+}
+
+/// Sorts entries by their keys, those of one key by index, as [`radix_sort`] of all 30 bits does: many of them
+/// on all threads, each of which takes those with one highest digit.
+fn sort_by_key(entries: &mut [u64], spare: &mut Vec<u64>) {
+    let threads = rayon::current_num_threads();
+    if threads == 1 || entries.len() < FEW {
+        return radix_sort::<32, 10, 3>(entries, spare);
     }
+    let parts: Vec<Parted> = (entries.par_chunks(entries.len().div_ceil(threads)))
+        .map(Parted::new)
+        .collect();
+    let mut rest = entries;
+    let buckets = (0..1 << SHARED_BITS).map(|digit| {
+        let count = parts.iter().map(|part| part.of(digit).len()).sum();
+        rest.split_off_mut(..count).unwrap_or_default()
+    });
+    let buckets: Vec<&mut [u64]> = buckets.collect();
+    let buckets = buckets.into_par_iter().enumerate();
+    buckets.for_each_init(Vec::new, |spare, (digit, bucket)| {
+        let mut free = &mut *bucket;
+        for part in &parts {
+            let some = part.of(digit);
+            if let Some(room) = free.split_off_mut(..some.len()) {
+                room.copy_from_slice(some);
+            }
+        }
+        radix_sort::<32, 10, 2>(bucket, spare);
+    });
+}
+
+/// Entries by the highest digit of their keys, otherwise in the order given.
+struct Parted {
+    entries: Vec<u64>,
+    /// Where those of each digit end.
+    ends: Vec<usize>,
+}
+
+impl Parted {
+    fn new(entries: &[u64]) -> Self {
+        let digit = |entry: u64| (entry >> (62 - SHARED_BITS)) as usize;
+        let mut places = vec![0; 1 << SHARED_BITS];
+        for &entry in entries {
+            places[digit(entry)] += 1;
+        }
+        let mut first = 0;
+        for place in &mut places {
+            first += std::mem::replace(place, first);
+        }
+        let mut parted = vec![0; entries.len()];
+        for &entry in entries {
+            let place = &mut places[digit(entry)];
+            parted[*place] = entry;
+            *place += 1;
+        }
+        Self {
+            entries: parted,
+            ends: places,
+        }
+    }
+
+    fn of(&self, digit: usize) -> &[u64] {
+        let first = digit.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.entries[first..self.ends[digit]]
+    }
+}
+
+/// The lower and the upper corner of a box.
+type Corners = (DVec3, DVec3);
+/// The box of nothing.
+const NOWHERE: Corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+
+fn corners(points: impl Iterator<Item = DVec3>) -> Corners {
+    points.fold(NOWHERE, |(min, max), p| (min.min(p), max.max(p)))
 }
 
 /// A cube whose cells are numbered along the curve.
@@ -62,12 +141,18 @@ struct Frame {
 impl Frame {
     /// The cube in which finite points are put in order first: the one around all of them,
     /// or where a few lie far off the one around the others.
-    fn of(count: usize, at: &impl Fn(usize) -> DVec3) -> Self {
+    fn of(count: usize, at: &(impl Fn(usize) -> DVec3 + Sync)) -> Self {
         let nowhere = Self {
             min: DVec3::ZERO,
             cells_per_unit: 0.0,
         };
-        let Some(all) = Self::around((0..count).map(at)) else {
+        let chunks = (0..count.div_ceil(KEYS)).into_par_iter();
+        let corners = chunks.map(|chunk| {
+            let points = chunk * KEYS..count.min((chunk + 1) * KEYS);
+            corners(points.map(at))
+        });
+        let joined = |a: Corners, b: Corners| (a.0.min(b.0), a.1.max(b.1));
+        let Some(all) = Self::between(corners.reduce(|| NOWHERE, joined)) else {
             return nowhere;
         };
         let step = count.div_ceil(SAMPLE).max(1);
@@ -89,8 +174,11 @@ impl Frame {
     /// The cube around the points; `None` where all of them are in one place, or so near to it that
     /// no cell is small enough.
     fn around(points: impl Iterator<Item = DVec3>) -> Option<Self> {
-        let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let (min, max) = points.fold(nowhere, |(min, max), p| (min.min(p), max.max(p)));
+        Self::between(corners(points))
+    }
+
+    /// As [`Frame::around`], of the box around the points.
+    fn between((min, max): Corners) -> Option<Self> {
         // Halved first: the difference of finite numbers may be infinite.
         let half_extent = (max * 0.5 - min * 0.5).max_element();
         let cells_per_unit = 0.5 * CELLS / half_extent;
@@ -321,6 +409,28 @@ mod tests {
         let sorted = order(&two);
         assert!(sorted[..1500].windows(2).all(|pair| pair[0] < pair[1]));
         assert!(sorted[..1500].iter().all(|index| index % 2 == 0));
+    }
+
+    #[test]
+    fn entries_are_shared_out_into_the_order_of_one_thread() {
+        let pool = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap()
+        };
+        for (count, kept) in [(FEW, u64::MAX), (3 * FEW + 7, 0x3ff_0000), (FEW + 1, 0)] {
+            let random = |index: u64| index.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 34;
+            let entry = |index| (random(index) & kept) << 32 | index;
+            let entries: Vec<u64> = (0..count as u64).map(entry).collect();
+            let mut expected = entries.clone();
+            expected.sort_unstable();
+            for threads in [1, 2, 7] {
+                let mut sorted = entries.clone();
+                pool(threads).install(|| sort_by_key(&mut sorted, &mut Vec::new()));
+                assert!(sorted == expected, "{count} by {threads} threads");
+            }
+        }
     }
 
     #[test]

@@ -26,6 +26,7 @@ pub(crate) use sums::PairSums;
 
 use crate::error::{Error, Result};
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// What is known of the order of points in a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,8 +71,14 @@ pub fn spatial_order(points: &[DVec3]) -> Vec<u32> {
 /// one index per cloud serves both. Everything is infinitely far from an empty cloud. An error
 /// where a point is not finite and the other cloud is not empty.
 pub fn both_ways(a: &[DVec3], b: &[DVec3]) -> Result<(Vec<f64>, Vec<f64>)> {
-    let [a, b] = both_ways_in(Order::Any, [a.to_vec(), b.to_vec()])?;
-    Ok((a.1, b.1))
+    if a.is_empty() || b.is_empty() {
+        let far = |points: &[DVec3]| vec![f64::INFINITY; points.len()];
+        return Ok((far(a), far(b)));
+    }
+    let index = |points| BlockIndex::of(&listed(points, Order::Any));
+    let (a, b) = rayon::join(|| index(a), || index(b));
+    let (a, b) = (a?, b?);
+    Ok((b.distances_from(&a), a.distances_from(&b)))
 }
 
 /// As [`both_ways`], for lists in a known order, which come back beside the distances of their
@@ -92,6 +99,9 @@ pub fn both_ways_in(order: Order, lists: [Vec<DVec3>; 2]) -> Result<[(Vec<DVec3>
     Ok([(points(a), from_a), (points(b), from_b)])
 }
 
+/// Points that one thread checks at a time.
+const CHECKED: usize = 1 << 14;
+
 /// dx² + dy² + dz², rounded after each operation in this order: every search here ends in this.
 pub(crate) fn squared_distance(a: DVec3, b: DVec3) -> f64 {
     let (dx, dy, dz) = (a.x - b.x, a.y - b.y, a.z - b.z);
@@ -99,7 +109,7 @@ pub(crate) fn squared_distance(a: DVec3, b: DVec3) -> f64 {
 }
 
 /// That there is at least one point, no more than indices reach, and all are finite.
-fn check_points(points: &Listed<impl Fn(usize) -> DVec3>) -> Result<()> {
+fn check_points(points: &Listed<impl Fn(usize) -> DVec3 + Sync>) -> Result<()> {
     let what = "nearest-point index";
     if points.count == 0 {
         return Err(Error::invalid(
@@ -111,7 +121,13 @@ fn check_points(points: &Listed<impl Fn(usize) -> DVec3>) -> Result<()> {
         let problem = format!("expected at most 4294967294 points, found {}", points.count);
         return Err(Error::invalid(what, problem));
     }
-    if let Some(index) = (0..points.count).find(|&index| !(points.at)(index).is_finite()) {
+    let is_wrong = |index: &usize| !(points.at)(*index).is_finite();
+    let chunks = (0..points.count.div_ceil(CHECKED)).into_par_iter();
+    let found = chunks.find_map_first(|chunk| {
+        let first = chunk * CHECKED;
+        (first..points.count.min(first + CHECKED)).find(is_wrong)
+    });
+    if let Some(index) = found {
         let point = (points.at)(index);
         let problem =
             format!("expected finite points, found {point} at {index}: drop such points first");

@@ -1,11 +1,12 @@
 //! What `score.json` says: the wire type of a score.
 
 use super::alignment::Alignment;
+use crate::parallel;
 use crate::score::bootstrap::Interval;
 use crate::score::gates::Gate;
 use crate::score::sample::MeshAs;
 use crate::score::tnt::Profile;
-use crate::score::{Evaluation, SideCounts};
+use crate::score::{Evaluation, Side, SideCounts};
 use crate::warning::Warning;
 use mvs_metrics::Tolerance;
 use serde::{Deserialize, Serialize};
@@ -189,11 +190,14 @@ impl AtTolerance {
 impl Distances {
     /// The summaries of an evaluation.
     pub fn of(evaluation: &Evaluation) -> Self {
+        let of = |side: &Side| (side.mean_distance(), side.median_distance());
+        let (reconstruction, truth) =
+            parallel::both(|| of(&evaluation.reconstruction), || of(&evaluation.truth));
         Self {
-            reconstruction_mean: evaluation.reconstruction.mean_distance(),
-            reconstruction_median: evaluation.reconstruction.median_distance(),
-            truth_mean: evaluation.truth.mean_distance(),
-            truth_median: evaluation.truth.median_distance(),
+            reconstruction_mean: reconstruction.0,
+            reconstruction_median: reconstruction.1,
+            truth_mean: truth.0,
+            truth_median: truth.1,
         }
     }
 }

@@ -4,9 +4,11 @@ use super::document::ScoreDocument;
 use super::row;
 use crate::error::Result;
 use crate::jobs::OutDir;
+use crate::parallel;
 use crate::report::curve_svg::{self, Curves};
 use crate::report::{colormap, curve_png, record};
 use crate::score::{Evaluation, Side};
+use glam::DVec3;
 use mvs_datasets::format::image;
 use mvs_datasets::format::ply::stream::{Scalar, StreamWriter};
 use mvs_metrics::{Curve, Score, Tolerance};
@@ -16,8 +18,10 @@ use std::io::Write;
 const STRETCH: f64 = 5.0;
 /// The distance that gets the last colour, in τ.
 const COLOR_STRETCH: f64 = 3.0;
-/// Points of a cloud that are written at a time.
+/// Points of a cloud that one thread makes into rows at a time.
 const ROWS: usize = 4096;
+/// So many times of which are written at a time at most.
+const AT_ONCE: usize = 16;
 
 /// Writes every file but `run.toml`.
 pub(super) fn write_all(
@@ -33,9 +37,12 @@ pub(super) fn write_all(
         ("precision", &evaluation.reconstruction),
         ("recall", &evaluation.truth),
     ];
-    for (name, side) in clouds {
-        write_errors(out, &format!("{scene}.{name}.ply"), side, tolerance)?;
-    }
+    let write = |(name, side): (&str, &Side)| {
+        write_errors(out, &format!("{scene}.{name}.ply"), side, tolerance)
+    };
+    let [precision, recall] = clouds;
+    let (precision, recall) = parallel::both(|| write(precision), || write(recall));
+    precision.and(recall)?;
     out.write("scores.csv", |file| {
         record::write(file, &row::records(document))
     })?;
@@ -52,19 +59,30 @@ fn write_errors(out: &OutDir, name: &str, side: &Side, tolerance: Tolerance) -> 
     out.write(name, |file| {
         let mut writer = StreamWriter::new(file, &properties, &[])?;
         let row: usize = properties.iter().map(|(_, scalar)| scalar.size()).sum();
-        let mut rows = Vec::with_capacity(ROWS * row);
-        for (point, &distance) in side.points.iter().zip(&side.distances) {
-            for along in point.to_array() {
-                rows.extend(along.to_le_bytes());
-            }
-            rows.extend(colormap::hot_r(distance.min(reach) / reach));
-            rows.extend((distance as f32).to_le_bytes());
-            if rows.len() == ROWS * row {
-                writer.write(&rows)?;
-                rows.clear();
-            }
+        let mut points = side.points.iter();
+        let some = ROWS * AT_ONCE.min(parallel::threads());
+        for distances in side.distances.chunks(some) {
+            let points: Vec<DVec3> = points.by_ref().take(distances.len()).collect();
+            let mut rows = vec![0; row * distances.len()];
+            parallel::for_each_chunk(&mut rows, row * ROWS, |nth, rows| {
+                let first = nth * ROWS;
+                let mut rows = &mut *rows;
+                for (point, &distance) in points[first..].iter().zip(&distances[first..]) {
+                    let mut put = |bytes: &[u8]| {
+                        if let Some(room) = rows.split_off_mut(..bytes.len()) {
+                            room.copy_from_slice(bytes);
+                        }
+                    };
+                    point
+                        .to_array()
+                        .iter()
+                        .for_each(|along| put(&along.to_le_bytes()));
+                    put(&colormap::hot_r(distance.min(reach) / reach));
+                    put(&(distance as f32).to_le_bytes());
+                }
+            });
+            writer.write(&rows)?;
         }
-        writer.write(&rows)?;
         writer.complete().map(|_| ())
     })
 }

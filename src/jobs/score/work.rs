@@ -3,7 +3,7 @@
 use super::ScoreJob;
 use super::alignment::{Alignment, AlignmentSource};
 use super::document::{
-    AtTolerance, Distances, OtherProfile, Protocol, SCHEMA, ScoreDocument, Spread,
+    AtTolerance, Distances, InputHashes, OtherProfile, Protocol, SCHEMA, ScoreDocument, Spread,
 };
 use super::input::{self, Surface};
 use super::plan::{self, Plan, Truth};
@@ -53,8 +53,7 @@ struct Boxes {
 
 impl Boxes {
     fn around(reconstruction: &FinitePoints, motion: DMat4, truth: Aabb) -> Self {
-        let moved = reconstruction.iter();
-        let moved = Aabb::around(moved.map(|point| motion.transform_point3(point)));
+        let moved = reconstruction.moved_bounds(motion);
         Self { moved, truth }
     }
 }
@@ -94,7 +93,7 @@ impl<'a> Work<'a> {
         let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
         let motion = transform.unwrap_or(DMat4::IDENTITY);
         let mut checks: Vec<Gate> = mesh_gate.into_iter().chain(truth_gate).collect();
-        let boxes = Boxes::around(&reconstruction, motion, Aabb::around(truth.iter()));
+        let boxes = Boxes::around(&reconstruction, motion, truth.bounds());
         checks.extend(self.gates_of_place(&evaluation, &boxes)?);
         // The user says that the clouds share a frame: what looks wrong is advice here.
         self.warn_of(&checks);
@@ -134,7 +133,7 @@ impl<'a> Work<'a> {
         let aligned = !matches!(inputs.start, Start::Given(_));
         let other_wanted = aligned && !self.job.one_profile;
         let tolerance = inputs.tolerance;
-        let truth = Aabb::around(inputs.truth.iter());
+        let truth = inputs.truth.bounds();
         // Clouds that nothing asks for later make room.
         let (aligned, inputs) = if other_wanted || self.job.seeds >= 2 {
             (tnt::align(&inputs, &options)?, Some(&inputs))
@@ -343,7 +342,7 @@ impl<'a> Work<'a> {
     }
 
     /// The content of `score.json`.
-    pub(super) fn document(&self, scored: &Scored) -> Result<ScoreDocument> {
+    pub(super) fn document(&self, scored: &Scored, inputs: InputHashes) -> Result<ScoreDocument> {
         let job = self.job;
         let evaluation = &scored.evaluation;
         let at = |&tolerance: &Tolerance| AtTolerance {
@@ -375,7 +374,7 @@ impl<'a> Work<'a> {
             mesh_sampling: scored.mesh_sampling,
             voxel: scored.voxel,
             seed: job.seed,
-            inputs: self.plan.hashes(job)?,
+            inputs,
             warnings: self.warnings.sorted(),
         })
     }
