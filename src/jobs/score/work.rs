@@ -9,6 +9,7 @@ use super::input::{self, Surface};
 use super::plan::{self, Plan, Truth};
 use crate::error::Result;
 use crate::jobs::Context;
+use crate::parallel;
 use crate::score::gates::{self, Gate};
 use crate::score::plain::{self, Preparation};
 use crate::score::points::{self, FinitePoints};
@@ -86,9 +87,13 @@ impl<'a> Work<'a> {
         };
         let transform = job.transform.as_deref().map(files::read_similarity);
         let transform = transform.transpose()?.map(|transform| transform.matrix());
-        let (truth, truth_sampling, truth_gate) = self.read_plain_truth(truth)?;
-        let (reconstruction, mesh_sampling, mesh_gate) =
-            self.read_reconstruction(|| Ok(transform.map_or(1.0, tnt::scale_of)))?;
+        let scale = || Ok(transform.map_or(1.0, tnt::scale_of));
+        let (truth, reconstruction) = parallel::both(
+            || self.read_plain_truth(truth),
+            || self.read_reconstruction(scale),
+        );
+        let (truth, truth_sampling, truth_gate) = truth?;
+        let (reconstruction, mesh_sampling, mesh_gate) = reconstruction?;
         self.next("scoring")?;
         let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
         let motion = transform.unwrap_or(DMat4::IDENTITY);
@@ -189,16 +194,19 @@ impl<'a> Work<'a> {
     fn read_tnt(&self, folder: &TntFolder) -> Result<(tnt::Inputs, Option<MeshAs>, Option<Gate>)> {
         let start = input::read_start(self.job, folder)?;
         let crop = points::prism(&folder.read_crop()?)?;
-        let truth = input::finite(folder.read_truth()?, &folder.truth, "truth", &self.warnings)?;
+        let options = self.options(self.job.profile, self.job.seed);
+        let (truth, reconstruction) = parallel::both(
+            || input::finite(folder.read_truth()?, &folder.truth, "truth", &self.warnings),
+            || self.read_reconstruction(|| tnt::start_scale(&start, &options)),
+        );
+        let truth = truth?;
+        let (reconstruction, mesh_sampling, gate) = reconstruction?;
         if input::is_mesh(&folder.truth)? {
             let file = folder.truth.display();
             let message =
                 format!("{file}: the truth has faces; its vertices are taken as the scan");
             self.warnings.add("truth-is-mesh", message);
         }
-        let options = self.options(self.job.profile, self.job.seed);
-        let (reconstruction, mesh_sampling, gate) =
-            self.read_reconstruction(|| tnt::start_scale(&start, &options))?;
         let inputs = tnt::Inputs {
             reconstruction,
             truth,
