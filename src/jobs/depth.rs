@@ -101,19 +101,27 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
             context.warnings.add(&warning.code, warning.message);
         }
     };
-    warn(("missing-depth", "have no depth map"), &missing);
     let out = job.out.as_deref();
     let out = out.map(|path| create(job, path, context)).transpose()?;
     context.progress.begin("comparing", all.len() as u64);
+    let first = there.iter().position(|&there| there).unwrap_or_default();
+    let sizes = Sizes::of(job, &folder, &all[first])?;
     let views = parallel::try_map(all.len(), |index| {
         context.progress.check()?;
         let row = match there[index] {
             true => one_view(job, &folder, &all[index], (out.as_ref(), context))?,
-            false => missing_view(job, &folder, &all[index], (out.as_ref(), context))?,
+            false => missing_view(job, &folder, (&all[index], &sizes), (out.as_ref(), context))?,
         };
+        if row.counted == 0 {
+            let message = format!("view {}: no true depth lies in its range", row.view);
+            context.warnings.add("nothing-counted", message);
+        }
         context.progress.advance(1);
         Ok(row)
     })?;
+    let wanted = views.iter().filter(|row| row.missing && row.counted > 0);
+    let wanted: Vec<u32> = wanted.map(|row| row.view).collect();
+    warn(("missing-depth", "have no depth map"), &wanted);
     let empty = views.iter().filter(|row| row.is_empty());
     let empty: Vec<u32> = empty.map(|row| row.view).collect();
     let problem = "have a depth map without a depth where the truth counts";
@@ -185,25 +193,52 @@ fn one_view(
         confidence: confidence.as_ref().map(Raster::values),
     };
     let (row, errors) = score_view(view.id, &maps, &planes, job.alignment)?;
-    if row.counted == 0 {
-        let message = format!("view {}: no true depth lies in its range", view.id);
-        context.warnings.add("nothing-counted", message);
-    }
     write_picture(out, view, || picture(&truth, &planes, &errors))?;
     Ok(row)
 }
 
-/// A view without an estimate: its row, and a picture of what is missing.
+/// Those of a view's estimate and truth.
+struct Sizes {
+    estimate: (u32, u32),
+    truth: (u32, u32),
+}
+
+impl Sizes {
+    fn of(job: &DepthJob, folder: &BlendedFolder, view: &View) -> Result<Self> {
+        let path = job.estimates.join(mvsnet::file_name(view.id, ".pfm"));
+        Ok(Self {
+            estimate: files::read_depth(&path)?.0.size(),
+            truth: folder.read_depth(view.id)?.0.size(),
+        })
+    }
+
+    /// The size that the estimate would have beside a truth of this size.
+    fn beside(&self, (width, height): (u32, u32)) -> (u32, u32) {
+        let share = |length: u32, estimate: u32, truth: u32| {
+            let [length, estimate, truth] = [length, estimate, truth].map(u64::from);
+            let rounded = (length * estimate + truth / 2) / truth.max(1);
+            u32::try_from(rounded).map_or(length as u32, |rounded| rounded.max(1))
+        };
+        (
+            share(width, self.estimate.0, self.truth.0),
+            share(height, self.estimate.1, self.truth.1),
+        )
+    }
+}
+
+/// A view without an estimate: its row, by as many pixels as the other estimates would have, and a picture of
+/// what is missing.
 fn missing_view(
     job: &DepthJob,
     folder: &BlendedFolder,
-    view: &View,
+    (view, sizes): (&View, &Sizes),
     (out, context): (Option<&OutDir>, &Context<'_>),
 ) -> Result<DepthRow> {
     let planes = planes_of(job, folder, view)?;
     let truth = true_depth(folder, view, context)?;
+    let truth = at_size(&truth, sizes.beside(truth.size()), &job.estimates)?;
     let (row, errors) = score_missing(view.id, truth.values(), &planes)?;
-    write_picture(out, view, || picture(truth.raster(), &planes, &errors))?;
+    write_picture(out, view, || picture(&truth, &planes, &errors))?;
     Ok(row)
 }
 

@@ -64,7 +64,7 @@ pub struct DepthRow {
 /// A scene's numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DepthScene {
-    /// Whether views are missing. Errors are then means over the others, and say less than those of a
+    /// Whether views whose truth counts are missing. Errors are then means over the others, and say less than those of a
     /// method that dared them all; density is over all views. A view whose truth counts nowhere makes no
     /// means partial by itself: it is in no method's.
     pub partial: bool,
@@ -125,7 +125,12 @@ impl DepthScores {
 impl DepthRow {
     /// Whether there is a depth map without a depth where the truth counts: it says as little as none.
     pub fn is_empty(&self) -> bool {
-        !self.missing && self.counted > 0 && self.compared == 0
+        !self.missing && self.says_nothing()
+    }
+
+    /// Whether truth counts and no depth is there.
+    fn says_nothing(&self) -> bool {
+        self.counted > 0 && self.compared == 0
     }
 }
 
@@ -195,7 +200,7 @@ pub fn score_scene(rows: &[DepthRow]) -> DepthScene {
         _ => row.compared as f64,
     };
     DepthScene {
-        partial: rows.iter().any(|row| row.missing || row.is_empty()),
+        partial: rows.iter().any(DepthRow::says_nothing),
         mean_over_views: weighted(rows, |_, _| 1.0),
         mean_over_pixels: weighted(rows, over_pixels),
     }

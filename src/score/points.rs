@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::parallel;
 use glam::{DMat3, DMat4, DVec3, Vec3};
-use mvs_datasets::scene::{Aabb, CropVolume, PointCloud};
+use mvs_datasets::scene::{Aabb, CropVolume};
 use mvs_metrics::Stretches;
 use mvs_metrics::align::transform;
 use mvs_metrics::crop::Prism;
@@ -73,11 +73,6 @@ impl FinitePoints {
             indices.fold(NOWHERE, |corners, index| around(corners, points.at(index)))
         });
         points
-    }
-
-    /// The finite positions of a cloud; its other columns are dropped.
-    pub fn of_cloud(cloud: PointCloud) -> Self {
-        Self::new(cloud.into_positions())
     }
 
     /// How many finite points.

@@ -226,6 +226,34 @@ fn smaller_estimates_meet_the_truth_at_the_nearest_pixel() {
 }
 
 #[test]
+fn a_missing_view_counts_as_many_pixels_as_its_estimate_would_have() {
+    let folder = scene();
+    let path = |name: &str| folder.path().join(name);
+    for id in [0, 2] {
+        put(&path("estimates"), id, (2, 1), &[4.0; 2]);
+    }
+    put(&path("rendered_depth_maps"), 0, (4, 2), &[4.0; 8]);
+    let found = answer(&arguments(folder.path(), &[]));
+    let counted = |at: usize| found["views"][at]["counted"].as_u64();
+    assert_eq!([0, 1, 2].map(counted), [Some(2); 3], "{found}");
+    let density = found["scene"]["mean_over_pixels"]["density"]
+        .as_f64()
+        .unwrap();
+    assert!((density - 2.0 / 3.0).abs() < 1e-12, "{found}");
+
+    // What has no truth to count has no estimate to miss.
+    put(&path("rendered_depth_maps"), 5, (4, 2), &[0.0; 8]);
+    let output = run(&arguments(folder.path(), &[]));
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["scene"]["partial"], false, "{found}");
+    assert!(
+        stderr(&output).contains("view 5: no true depth"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
 fn what_cannot_be_compared_is_named() {
     let folder = scene();
     let refused = |arguments: &[String], part: &str| {
@@ -283,10 +311,15 @@ fn what_is_wrong_with_the_truth_is_said() {
     let table = run(&arguments(folder.path(), &["--format", "table"]));
     let table = String::from_utf8(table.stdout).unwrap();
     assert!(table.contains("0 (no truth)"), "{table}");
-    // A map that is missing there says nothing either.
+    // Nor is a map missing there.
     fs::remove_file(estimates.join("00000000.pfm")).unwrap();
     let output = run(&arguments(folder.path(), &[]));
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(0));
+    let said = stderr(&output);
+    assert!(
+        said.contains("view 0: no true depth") && !said.contains("missing-depth"),
+        "{said}"
+    );
     for id in [0, 2, 5] {
         put(&truth, id, (4, 2), &[8.5; 8]);
         put(&folder.path().join("estimates"), id, (4, 2), &[8.5; 8]);

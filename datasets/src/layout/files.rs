@@ -7,6 +7,7 @@ use crate::mapped::MappedFile;
 use crate::scene::{
     ColorImage, CropVolume, DepthMap, PointCloud, Raster, RejectedDepths, Similarity,
 };
+use glam::DVec3;
 use std::ffi::{OsStr, OsString};
 use std::fs::TryLockError;
 use std::io::Write;
@@ -151,10 +152,22 @@ fn text_of(bytes: &[u8]) -> Result<&str, FormatError> {
 pub fn read_cloud(path: &Path) -> Result<PointCloud> {
     let cloud = read_with(path, format::ply::read_cloud)?;
     if cloud.is_empty() {
-        let problem = "expected a cloud, found a PLY without points";
-        return Err(Error::layout(path, problem));
+        return Err(no_points(path));
     }
     Ok(cloud)
+}
+
+/// As [`read_cloud`], the positions alone: what else the points have is not looked at.
+pub fn read_positions(path: &Path) -> Result<Vec<DVec3>> {
+    let positions = read_with(path, format::ply::read_positions)?;
+    match positions.is_empty() {
+        true => Err(no_points(path)),
+        false => Ok(positions),
+    }
+}
+
+fn no_points(path: &Path) -> Error {
+    Error::layout(path, "expected a cloud, found a PLY without points")
 }
 
 /// Reads a JPEG or PNG.

@@ -5,8 +5,8 @@ use super::{cameras, files};
 use crate::error::{Error, FormatError, Result};
 use crate::format::colmap::{self, ColmapImage};
 use crate::format::log::{self, LogPose, Mapping};
-use crate::scene::{CropVolume, PointCloud, Similarity};
-use glam::DMat4;
+use crate::scene::{CropVolume, Similarity};
+use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
 
 /// τ of the training set in metres, as the toolbox's `setup.py` lists it.
@@ -77,9 +77,9 @@ impl TntFolder {
             .or_else(|| Self::open(folder, Some(&other_name(folder)?)).ok())
     }
 
-    /// Reads the scan.
-    pub fn read_truth(&self) -> Result<PointCloud> {
-        files::read_cloud(&self.truth)
+    /// Reads the positions of the scan.
+    pub fn read_truth(&self) -> Result<Vec<DVec3>> {
+        files::read_positions(&self.truth)
     }
 
     /// Reads the crop volume.

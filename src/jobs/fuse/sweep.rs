@@ -136,8 +136,8 @@ fn read_truth(job: &SweepJob) -> Result<Option<(FinitePoints, Tolerance)>> {
         return Ok(None);
     };
     let tau = Tolerance::new(job.tau)?;
-    let cloud = files::read_cloud(path)?;
-    Ok(Some((FinitePoints::new(cloud.positions().to_vec()), tau)))
+    let points = FinitePoints::new(files::read_positions(path)?);
+    Ok(Some((points, tau)))
 }
 
 impl SweepJob {

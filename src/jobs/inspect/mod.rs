@@ -10,7 +10,7 @@ use mvs_datasets::format::ply;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
 use mvs_datasets::layout::{files, mesh};
-use mvs_datasets::scene::{Aabb, ColorImage, Material, Mesh};
+use mvs_datasets::scene::{Aabb, ColorImage, Material, Mesh, PointCloud};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -100,7 +100,7 @@ fn inspect_folder(job: &InspectJob) -> Answer {
 }
 
 fn inspect_tnt(folder: &TntFolder) -> Answer {
-    let (truth, dropped) = folder.read_truth()?.without_non_finite();
+    let (truth, dropped) = PointCloud::new(folder.read_truth()?).without_non_finite();
     let crop = prism(&folder.read_crop()?)?;
     let points = truth.positions().iter();
     let kept = points.filter(|&&point| crop.contains(point)).count();

@@ -45,7 +45,7 @@ impl<'a> Scored<'a> {
         let points = |side: &str| {
             let path = folder.join(format!("{}.{side}.ply", document.scene));
             // A side may be empty.
-            files::read_with(&path, ply::read_cloud).map(|cloud| cloud.into_positions())
+            files::read_with(&path, ply::read_positions)
         };
         let order = document.voxel.map_or(Order::Any, |_| Order::Spatial);
         let [reconstruction, truth] =

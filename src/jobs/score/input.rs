@@ -9,10 +9,11 @@ use crate::score::points::FinitePoints;
 use crate::score::sample::{self, MeshAs};
 use crate::score::tnt::Start;
 use crate::warning::Warnings;
+use glam::DVec3;
 use mvs_datasets::format::ply;
 use mvs_datasets::layout::tnt::{TntFolder, model_images, read_model_trajectory, read_trajectory};
 use mvs_datasets::layout::{files, mesh};
-use mvs_datasets::scene::{Mesh, PointCloud};
+use mvs_datasets::scene::Mesh;
 use std::path::{Path, PathBuf};
 
 /// The alignment's scale is known to this factor when a mesh is sampled: ICP may still change it.
@@ -59,8 +60,8 @@ impl Surface {
 /// Reads a PLY cloud or a mesh: a PLY with faces, OBJ, GLB or glTF.
 pub(super) fn read(path: &Path, side: &str, warnings: &Warnings) -> Result<Surface> {
     if !is_mesh(path)? {
-        let cloud = files::read_with(path, ply::read_cloud)?;
-        return Ok(Surface::Cloud(finite(cloud, path, side, warnings)?));
+        let positions = files::read_with(path, ply::read_positions)?;
+        return Ok(Surface::Cloud(finite(positions, path, side, warnings)?));
     }
     let loaded = mesh::read_meshes(&[PathBuf::from(path)])?;
     for note in loaded.notes {
@@ -81,12 +82,12 @@ pub(super) fn is_mesh(path: &Path) -> Result<bool> {
 /// The finite points of a cloud; a warning says how many others there were. A reconstruction that has
 /// no points at all scores 0, with a warning; all else without finite points is an error.
 pub(super) fn finite(
-    cloud: PointCloud,
+    positions: Vec<DVec3>,
     path: &Path,
     side: &str,
     warnings: &Warnings,
 ) -> Result<FinitePoints> {
-    let points = FinitePoints::of_cloud(cloud);
+    let points = FinitePoints::new(positions);
     if points.input() == 0 && side == RECONSTRUCTION {
         let message = format!("{}: the reconstruction has no points", path.display());
         warnings.add("empty-reconstruction", message);

@@ -108,7 +108,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
     };
     let scratch = ScratchFolder::beside(&job.out.join("fused"))?;
     let mut truth: Option<Vec<DVec3>> = match &job.fuse_truth {
-        Some(path) => Some(files::read_cloud(path)?.into_positions()),
+        Some(path) => Some(files::read_positions(path)?),
         None => None,
     };
     let tolerance = Tolerance::new(job.tau)?;
@@ -135,7 +135,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         };
         let (_, cost) = clock::measure(job.repeats, || fuse::run(&fuse_job, context))
             .map_err(|error| of_setting((setting.knob, &setting.name), error))?;
-        let cloud = files::read_cloud(&fuse_job.out)?.into_positions();
+        let cloud = files::read_positions(&fuse_job.out)?;
         let truth = truth.get_or_insert_with(|| cloud.clone());
         let (to_truth, to_cloud) = distance::both_ways(&cloud, truth)
             .map_err(|error| Error::invalid("fused cloud", error.to_string()))?;

@@ -83,8 +83,8 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         return Ok(Vec::new());
     };
     let pair = Pair {
-        truth: FinitePoints::of_cloud(files::read_cloud(truth)?),
-        reconstruction: FinitePoints::of_cloud(files::read_cloud(reconstruction)?),
+        truth: FinitePoints::new(files::read_positions(truth)?),
+        reconstruction: FinitePoints::new(files::read_positions(reconstruction)?),
         motion: job
             .transform
             .as_ref()

@@ -113,7 +113,8 @@ pub(super) fn run(name: &str, options: SyntheticOptions, fault: Option<Fault>) -
     };
     let rendered = render(&setting, fault, &mut numbers);
     let estimates = estimate(&setting, &rendered, fault, &mut numbers);
-    let truth = FinitePoints::of_cloud(setting.scene.sample_surface(0.5 * setting.tau).unwrap());
+    let truth = setting.scene.sample_surface(0.5 * setting.tau).unwrap();
+    let truth = FinitePoints::new(truth.into_positions());
     let starts = [Profile::Official, Profile::Strict].map(|profile| start(&setting, profile));
     for mode in FuseMode::ALL {
         let variant = format!("{mode:?}").to_lowercase();

@@ -12,9 +12,11 @@ use crate::error::FormatError;
 use crate::scene::{Material, Mesh, PointCloud};
 use body::Body;
 use faces::Faces;
+use glam::DVec3;
 use header::Header;
 use ply_rs_bw::ply::ElementDef;
 use std::io::Write;
+use table::Table;
 
 /// How a PLY is written.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -72,6 +74,15 @@ pub fn read_summary(bytes: &[u8]) -> Result<PlySummary, FormatError> {
 /// positions may be NaN, colours that are NaN are black. A file with no vertices gives an empty cloud; one that
 /// goes on after all that its header states is an error.
 pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
+    vertices::cloud(&table_of_cloud(bytes)?)
+}
+
+/// As [`read_cloud`], the positions alone: what else the points have is not looked at.
+pub fn read_positions(bytes: &[u8]) -> Result<Vec<DVec3>, FormatError> {
+    vertices::positions(&table_of_cloud(bytes)?)
+}
+
+fn table_of_cloud(bytes: &[u8]) -> Result<Table<'_>, FormatError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(bytes, &header);
     let table = vertices::take(&header, &mut body)?;
@@ -80,7 +91,7 @@ pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
     if last.is_none_or(|element| element.name == "vertex") {
         body.check_end()?;
     }
-    vertices::cloud(&table)
+    Ok(table)
 }
 
 /// Reads vertices and faces of a PLY, in whatever order. Texture coordinates are those of the faces (`texcoord`), else

@@ -162,6 +162,19 @@ fn special_numbers_become_positions() {
 }
 
 #[test]
+fn positions_alone_are_those_of_the_cloud_whatever_its_colors() {
+    let header =
+        format!("element vertex 2\n{XYZ}\nproperty int red\nproperty int green\nproperty int blue");
+    let bytes = ascii(&header, "1 2 3 0 0 0\n4 5 6 300 0 0\n");
+    let error = read_cloud(&bytes).unwrap_err().to_string();
+    assert!(error.contains("found 300"), "{error}");
+    let positions = [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)];
+    assert_eq!(read_positions(&bytes).unwrap(), positions);
+    let more = [&bytes[..], b"7 8 9 0 0 0\n"].concat();
+    assert!(read_positions(&more).is_err());
+}
+
+#[test]
 fn other_elements_and_lists_are_passed_over() {
     let header = format!(
         "element camera 1\nproperty list uchar float k\nproperty int id\nelement vertex 2\nproperty list uchar int who\nproperty uchar flag\n{XYZ}\nproperty double quality"
