@@ -160,7 +160,7 @@ pub(crate) struct FuseFlags {
     /// Sampling of source depth maps: valid or plain
     #[arg(long, value_name = "NAME")]
     sampling: Option<String>,
-    /// Leave out this fraction of each view's pixels, the least confident, instead of a threshold
+    /// Leave out this fraction of each view's pixels with a depth, the least confident, instead of a threshold
     #[arg(long, value_name = "Q")]
     confidence_quantile: Option<f64>,
     /// Largest number of source views per reference view; 0 for all

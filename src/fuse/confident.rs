@@ -2,7 +2,7 @@
 
 use super::inputs::DepthMaps;
 use super::options::FuseOptions;
-use super::samples::{SIDE, Samples, confidence, put_confident, threshold};
+use super::samples::{SIDE, Samples, confidence, put_confident, threshold, with_depth};
 use crate::error::Result;
 use std::ops::Range;
 
@@ -59,9 +59,17 @@ impl Confident {
     ) -> Result<Option<Self>> {
         if options.confidence_quantile > 0.0 {
             let known = confidence(maps, index)?;
-            return Ok(known.map(|known| Self {
-                least: threshold(&known, options),
-                confidences: known.into_values(),
+            return Ok(known.map(|known| {
+                let (confidences, width) = (known.into_values(), samples.width());
+                let depths = (0..samples.height()).flat_map(|row| {
+                    let extent = samples.extent(row);
+                    let confidences = &confidences[row * width..][extent.clone()];
+                    with_depth(samples.part(row, extent), confidences)
+                });
+                Self {
+                    least: threshold(depths, options),
+                    confidences,
+                }
             }));
         }
         room.resize(samples.width() * samples.height(), 0.0);

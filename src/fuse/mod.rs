@@ -202,6 +202,33 @@ mod tests {
     }
 
     #[test]
+    fn a_quantile_is_of_the_pixels_with_depth() {
+        let mut estimates = arc(5, (32, 24), DVec3::ZERO, |view, pixel| {
+            match pixel.x < 8.0 {
+                true => Plane::tilted().depth(view, pixel),
+                false => 0.0,
+            }
+        });
+        let confidences: Vec<f32> = (0..32 * 24u16)
+            .map(|at| match at % 32 {
+                column if column < 8 => 0.5 + f32::from(at / 32 * 8 + column) / 512.0,
+                _ => 0.0,
+            })
+            .collect();
+        let confidences = Raster::from_values(32, 24, confidences).unwrap();
+        estimates[0].confidence = Some(confidences);
+        for mode in FuseMode::ALL {
+            let options = FuseOptions {
+                mode,
+                confidence_quantile: 0.25,
+                ..geo()
+            };
+            let counts = fuse(&estimates, &options, &Silent).unwrap().counts;
+            assert_eq!(counts.unconfident, 8 * 24 / 4, "{mode:?}");
+        }
+    }
+
+    #[test]
     fn the_image_colours_the_points_whatever_its_size() {
         let surface = |view: &View, pixel| Plane::tilted().depth(view, pixel);
         let mut estimates = arc(5, (32, 24), DVec3::ZERO, surface);

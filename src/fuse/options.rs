@@ -16,8 +16,8 @@ pub struct FuseOptions {
     pub max_sources: usize,
     /// Pixels below this confidence are left out, where there is confidence.
     pub min_confidence: f32,
-    /// Instead of `min_confidence`: the fraction of each view's pixels, the least confident ones,
-    /// that is left out; 0 for none. For confidences whose scale is unknown.
+    /// Instead of `min_confidence`: the fraction of each view's pixels with a depth (in range and in the mask), the
+    /// least confident ones, that is left out; 0 for none. For confidences whose scale is unknown.
     pub confidence_quantile: f64,
     /// Largest reprojection error in pixels, strict.
     pub max_pixel_error: f64,

@@ -50,6 +50,8 @@ pub(super) struct Samples {
     values: Arc<Vec<f32>>,
     /// What the filters left out of it.
     left_out: FuseCounts,
+    /// The least confidence that the filter of confidences kept.
+    least: f32,
 }
 
 /// Where a map has depths.
@@ -161,6 +163,7 @@ impl Samples {
             shape,
             values,
             left_out: FuseCounts::default(),
+            least: f32::NEG_INFINITY,
         }
     }
 
@@ -372,7 +375,16 @@ pub(super) fn prepare(
         Filters::All => confidence(maps, index)?,
         Filters::Depth => None,
     };
-    let known = (known.as_ref()).map(|known| (known.values(), threshold(known, options)));
+    let known = known.as_ref().map(|known| {
+        let known = known.values();
+        let mut rest = found.as_slice();
+        let with_depth = runs.iter().flat_map(|&(row, first, len)| {
+            let (run, more) = rest.split_at(len);
+            rest = more;
+            with_depth(run, &known[row * width + first..][..len])
+        });
+        (known, threshold(with_depth, options))
+    });
     let shape = Shape::of(extents);
     let mut values = shape.zeros();
     let mut rest = found.as_slice();
@@ -390,6 +402,7 @@ pub(super) fn prepare(
     }
     let mut samples = Samples::of_shape(size, unit, Arc::new(shape), Arc::new(values));
     samples.left_out = counts;
+    samples.least = known.map_or(f32::NEG_INFINITY, |(_, least)| least);
     Ok(samples)
 }
 
@@ -470,17 +483,30 @@ impl PixelFilter {
     }
 }
 
-/// The least confidence that is kept: given, or a quantile of the map's own.
-pub(super) fn threshold(confidence: &Raster<f32>, options: &FuseOptions) -> f32 {
+/// The confidences at depths, which are not 0.
+pub(super) fn with_depth<'a>(
+    depths: &'a [f32],
+    confidences: &'a [f32],
+) -> impl Iterator<Item = f32> + use<'a> {
+    let both = depths.iter().zip(confidences);
+    both.filter(|&(&depth, _)| depth != 0.0)
+        .map(|(_, &confidence)| confidence)
+}
+
+/// The least confidence of a view that is kept.
+pub(super) fn least(maps: &dyn DepthMaps, index: usize, options: &FuseOptions) -> Result<f32> {
+    match options.confidence_quantile <= 0.0 {
+        true => Ok(options.min_confidence),
+        false => Ok(prepare(maps, index, options, Filters::All)?.least),
+    }
+}
+
+/// The least confidence that is kept: given, or a quantile of those of the pixels with depth.
+pub(super) fn threshold(with_depth: impl Iterator<Item = f32>, options: &FuseOptions) -> f32 {
     if options.confidence_quantile <= 0.0 {
         return options.min_confidence;
     }
-    let mut values: Vec<f32> = confidence
-        .values()
-        .iter()
-        .copied()
-        .filter(|c| !c.is_nan())
-        .collect();
+    let mut values: Vec<f32> = with_depth.filter(|c| !c.is_nan()).collect();
     if values.is_empty() {
         return f32::INFINITY;
     }
@@ -562,14 +588,16 @@ mod tests {
 
     #[test]
     fn a_quantile_leaves_out_that_fraction() {
-        let values = (0..100).map(|i| (i * 37 % 100) as f32).collect();
-        let map = Raster::from_values(10, 10, values).unwrap();
+        let values = (0..100u8).map(|i| f32::from((u16::from(i) * 37 % 100) as u8));
         let options = FuseOptions {
             confidence_quantile: 0.25,
             ..FuseOptions::default()
         };
-        assert_eq!(threshold(&map, &options), 25.0);
-        let nothing = Raster::filled(3, 3, f32::NAN).unwrap();
-        assert_eq!(threshold(&nothing, &options), f32::INFINITY);
+        assert_eq!(threshold(values, &options), 25.0);
+        let nothing = [f32::NAN; 3].into_iter();
+        assert_eq!(threshold(nothing, &options), f32::INFINITY);
+        // What has no depth does not count, whatever its confidence.
+        let some = with_depth(&[0.0, 2.0, 0.0, 3.0, 2.5], &[0.0, 0.7, 0.9, 0.2, 0.4]);
+        assert_eq!(some.collect::<Vec<_>>(), [0.7, 0.2, 0.4]);
     }
 }

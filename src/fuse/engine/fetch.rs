@@ -11,7 +11,7 @@ use crate::fuse::options::Colors;
 use crate::fuse::points::Columns;
 use crate::fuse::reference::{Finish, Reference};
 use crate::fuse::rules::Rule;
-use crate::fuse::samples::{Filters, Samples, Unit, confidence, prepare, threshold};
+use crate::fuse::samples::{Filters, Samples, Unit, confidence, least, prepare};
 use crate::fuse::source::{Photo, Source, SourceImage};
 
 impl Engine<'_> {
@@ -115,7 +115,7 @@ impl Engine<'_> {
         }
         if let Some(own) = &mut own {
             // Only depths that were filled in are at pixels of too little, and theirs it is not.
-            let least = threshold(own, self.options);
+            let least = least(maps, index, self.options)?;
             let own = own.values_mut().iter_mut();
             own.for_each(|own| *own = if *own >= least { *own } else { 0.0 });
         }
