@@ -121,7 +121,8 @@ pub struct FuseOutcome {
 #[derive(Serialize)]
 struct Report<'a> {
     version: &'a str,
-    /// Of the options: equal fingerprints, equal procedure. It stands in the PLY's header too.
+    /// Of the options of fusion and the voxels' edge, not of what comes with the inputs: crop, masks, cameras. It
+    /// stands in the PLY's header too.
     fingerprint: String,
     /// Edge of the voxels, 0 = none.
     voxel: f64,
@@ -330,8 +331,7 @@ fn nothing(job: &FuseJob, views: usize, counts: &FuseCounts) -> Error {
     Error::invalid(place.display().to_string(), problem)
 }
 
-/// The first 16 hexadecimal digits of BLAKE3 over all options that decide which points come out, as
-/// TOML, and the voxels' edge.
+/// The first 16 hexadecimal digits of BLAKE3 over the options of fusion, as TOML, and the voxels' edge.
 fn fingerprint(job: &FuseJob) -> String {
     let options = toml::to_string(&job.fuse).unwrap_or_default();
     let all = format!("{options}voxel = {:?}\n", job.voxel);

@@ -72,10 +72,13 @@ fn read_color(line: &[u8], number: usize) -> Result<Option<[u8; 3]>, FormatError
     {
         return Ok(None);
     }
-    let values: Vec<f64> = words.iter().filter_map(|word| word.parse().ok()).collect();
-    let [r, g, b] = match values[..] {
-        [grey] => [grey; 3],
-        [r, g, b, ..] => [r, g, b],
+    // What comes after three numbers is passed over.
+    let words_of_color = words.iter().take_while(|word| !word.starts_with('#'));
+    let values = words_of_color.take(3).map(|word| word.parse().ok());
+    let values: Option<Vec<f64>> = values.collect();
+    let [r, g, b] = match values.as_deref() {
+        Some(&[grey]) => [grey; 3],
+        Some(&[r, g, b]) => [r, g, b],
         _ => {
             let problem = format!(
                 "expected `Kd` and three numbers, found {:?}",
@@ -237,6 +240,10 @@ mod tests {
     fn a_colour_that_is_none_is_named() {
         let error = read_mtl(b"newmtl m\n\nKd red").unwrap_err().to_string();
         assert!(error.contains("line 3") && error.contains("red"), "{error}");
+        let error = read_mtl(b"newmtl m\nKd 0.9 oops 0.1 0.2").unwrap_err();
+        assert!(error.to_string().contains("oops"), "{error}");
+        assert!(only("newmtl m\nKd 0.9 0.1 0.2 more").color.is_some());
+        assert!(only("newmtl m\nKd 0.9 # grey").color.is_some());
         assert_eq!(only("newmtl m\nKd spectral file.rfl").color, None);
     }
 }

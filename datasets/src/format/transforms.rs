@@ -135,6 +135,14 @@ struct WireCamera {
 }
 
 impl WireCamera {
+    /// The focal lengths; that along x may stand for both.
+    fn focal(&self) -> Result<Option<[f64; 2]>, String> {
+        match (self.fl_x, self.fl_y) {
+            (None, Some(_)) => Err("expected fl_x beside fl_y, found fl_y alone".to_owned()),
+            (x, y) => Ok(x.map(|x| [x, y.unwrap_or(x)])),
+        }
+    }
+
     /// This frame's own values, else those of the file. An angle of view of its own is as good as a focal
     /// length.
     fn or(self, shared: &Self) -> Self {
@@ -369,7 +377,7 @@ fn frame_of(frame: WireFrame, shared: &WireCamera) -> Result<Frame, String> {
         file: frame.file_path,
         world_from_gl_cam: DMat4::from_cols_array_2d(&matrix).transpose(),
         size: camera.size()?,
-        focal: camera.fl_x.map(|fx| [fx, camera.fl_y.unwrap_or(fx)]),
+        focal: camera.focal()?,
         angles: [camera.camera_angle_x, camera.camera_angle_y],
         center: WireCamera::both(["cx", "cy"], [camera.cx, camera.cy])?,
         distortion: camera.distortion()?,
@@ -524,6 +532,13 @@ mod tests {
                 "{own}"
             );
         }
+    }
+
+    #[test]
+    fn a_focal_length_along_y_alone_is_refused() {
+        let own = "\"camera_angle_x\": 0.5, \"fl_y\": 600.0";
+        let error = read(&REAL.replacen("\"fl_x\": 600.0", own, 1)).unwrap_err();
+        assert!(error.to_string().contains("found fl_y alone"), "{error}");
     }
 
     #[test]

@@ -96,7 +96,11 @@ fn read_with_points(path: &Path, options: &CamerasOptions, points: Points) -> Re
         CameraSource::Transforms => read_transforms(&path, options)?,
         CameraSource::Log => read_log(&path, options)?,
     };
-    notes.extend(unused(source, options));
+    if source != CameraSource::Transforms {
+        let has_size = source == CameraSource::Colmap;
+        let has_lens = has_size || source == CameraSource::Cams;
+        notes.extend(unused(source, [has_size, has_lens, has_lens], options));
+    }
     for (other, place) in found {
         notes.push(format!(
             "took {source:?}; {} holds {other:?} too",
@@ -112,13 +116,15 @@ fn read_with_points(path: &Path, options: &CamerasOptions, points: Points) -> Re
 }
 
 /// Says which options give what the files have themselves.
-fn unused(source: CameraSource, options: &CamerasOptions) -> Option<String> {
-    let has_size = source == CameraSource::Colmap;
-    let has_lens = has_size || source == CameraSource::Cams;
+fn unused(
+    source: CameraSource,
+    [has_size, has_focal, has_center]: [bool; 3],
+    options: &CamerasOptions,
+) -> Option<String> {
     let given = [
         (has_size && options.size.is_some(), "image size"),
-        (has_lens && options.focal.is_some(), "focal length"),
-        (has_lens && options.center.is_some(), "principal point"),
+        (has_focal && options.focal.is_some(), "focal length"),
+        (has_center && options.center.is_some(), "principal point"),
     ];
     let unused: Vec<&str> = given
         .iter()
@@ -371,7 +377,13 @@ fn range_of(depths: impl Iterator<Item = f64>) -> Option<DepthRange> {
 }
 
 fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<(Scene, Vec<String>)> {
-    let (frames, notes) = files::read_text_with(path, transforms::read)?;
+    let (frames, mut notes) = files::read_text_with(path, transforms::read)?;
+    let has_size = frames.iter().all(|frame| frame.size.is_some());
+    let has_focal = |frame: &Frame| frame.focal.is_some() || frame.angles[0].is_some();
+    let has_focal = frames.iter().all(has_focal);
+    let has_center = frames.iter().all(|frame| frame.center.is_some());
+    let own = [has_size, has_focal, has_center];
+    notes.extend(unused(CameraSource::Transforms, own, options));
     let names: Vec<&str> = frames.iter().map(|frame| frame.file.as_str()).collect();
     let ids = number_names(&names);
     let views = frames

@@ -171,6 +171,9 @@ impl Pair {
         let seed = seed.wrapping_mul(2);
         let asked = |points: &[DVec3], draw: u64| sample(points, setting.every, seed ^ draw);
         let ask = |queries: &[DVec3], cloud: &[DVec3]| -> Result<Vec<f64>> {
+            if cloud.is_empty() {
+                return Ok(vec![f64::INFINITY; queries.len()]);
+            }
             let index = BlockIndex::of(&listed(cloud, order))?;
             if bound.is_finite() {
                 return Ok(index.distances_below(queries, bound));
@@ -264,6 +267,26 @@ mod tests {
         Setting {
             voxel: None,
             ..setting
+        }
+    }
+
+    #[test]
+    fn a_reconstruction_that_the_crop_leaves_nothing_of_scores_zero() {
+        let square = [(-1.0, -1.0), (1e3, -1.0), (1e3, 1e3), (-1.0, 1e3)].map(glam::DVec2::from);
+        let prism = mvs_metrics::crop::Prism::new(2, (-1.0, 1.0), &square).unwrap();
+        let mut pair = pair();
+        pair.preparation.crop = Some(prism);
+        pair.motion = Some(DMat4::from_translation(DVec3::Z * 100.0));
+        for setting in [
+            EXACT,
+            Setting {
+                bound: 5.0,
+                ..EXACT
+            },
+            Setting { every: 2, ..EXACT },
+        ] {
+            let (score, _) = pair.score(&plain(setting), 0).unwrap();
+            assert_eq!(score.f_score(), 0.0);
         }
     }
 

@@ -103,6 +103,37 @@ fn options_that_the_files_answer_themselves_are_named() {
 }
 
 #[test]
+fn what_every_frame_of_transforms_has_itself_is_not_taken_from_options() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    let matrix = "\"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]";
+    let given = CamerasOptions {
+        size: Some((80, 60)),
+        focal: Some(DVec2::splat(9.0)),
+        center: Some(DVec2::splat(20.0)),
+        ..CamerasOptions::default()
+    };
+    let notes = |camera: &str, more: &str| {
+        put(
+            &path,
+            &format!("{{{camera}, \"frames\": [{{\"file_path\": \"a.png\", {more}{matrix}}}]}}"),
+        );
+        read_scene(&path, &given).unwrap().notes
+    };
+    let said = [
+        "the given image size and focal length counts for nothing: Transforms files have their own",
+    ];
+    let camera = "\"w\": 40, \"h\": 30, \"camera_angle_x\": 0.5";
+    assert_eq!(notes(camera, ""), said);
+    assert_eq!(notes("\"w\": 40, \"h\": 30", "\"fl_x\": 40, "), said);
+    assert!(
+        notes("\"aabb_scale\": 1", "")
+            .iter()
+            .all(|note| !note.contains("counts for nothing"))
+    );
+}
+
+#[test]
 fn the_real_scene_is_the_same_in_three_descriptions() {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
     let data = std::env::var_os("MVS_EVAL_DATA").map_or_else(|| beside.into(), PathBuf::from);
