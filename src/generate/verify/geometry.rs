@@ -3,7 +3,7 @@
 use super::carry::{SAME_SURFACE, agrees, carry, grid};
 use super::reading::Reading;
 use super::{Finding, Severity, VerifyOptions, median, quarter};
-use super::{images, listed, single};
+use super::{contradictions, images, listed, single};
 use crate::error::Result;
 use crate::parallel;
 use crate::progress::Progress;
@@ -35,6 +35,8 @@ pub struct PairCheck {
     pub in_frame: usize,
     /// Of those, the ones whose depth agrees to 1 %; the others are mostly occluded.
     pub agree: usize,
+    /// Those that lie more than 1 % in front of what the source sees.
+    pub in_front: usize,
     /// Median relative difference of those that agree; 0 when there are none.
     pub median_difference: f64,
     /// The largest difference but for one in a thousand of those that agree.
@@ -96,6 +98,18 @@ pub(super) fn check(
                 .iter()
                 .filter(|pair| fits(pair.reference) && fits(pair.source));
             findings.extend(images::check(scene, &fitting.cloned().collect::<Vec<_>>()));
+            let known = |id: &u32| {
+                of_views
+                    .iter()
+                    .any(|found| found.place == format!("view {id}"))
+            };
+            let ids = scene.views().iter().map(|view| view.id);
+            let known: Vec<u32> = ids.filter(known).collect();
+            findings.extend(contradictions::check(
+                &pairs,
+                (scene.views().len(), &known),
+                median_difference.is_some_and(|difference| difference > single::CLOSE),
+            ));
             findings.extend(of_views);
             let overall = median_difference.filter(|_| !single);
             findings.extend(overall_finding(overall.unwrap_or(0.0)));
@@ -209,6 +223,10 @@ fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairC
         source: source.view.id,
         in_frame: all.len(),
         agree: same.len(),
+        in_front: all
+            .iter()
+            .filter(|(_, _, carried)| carried.difference < -SAME_SURFACE)
+            .count(),
         median_difference: at(0.5),
         worst_difference: at(0.999),
         color_difference: images

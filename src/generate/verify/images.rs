@@ -170,6 +170,7 @@ mod tests {
             source: 1,
             in_frame: 100,
             agree: 100,
+            in_front: 0,
             median_difference: 0.0,
             worst_difference: 0.0,
             color_difference: 0.0,

@@ -2,6 +2,7 @@
 //! whether images, depths and cameras say the same.
 
 mod carry;
+mod contradictions;
 mod encoded;
 mod geometry;
 mod images;

@@ -71,7 +71,7 @@ const CONVENTIONS: [Mutation; 10] = [
 ];
 
 /// Depths and images of single views, and pairs.
-const CONTENT: [Mutation; 27] = [
+const CONTENT: [Mutation; 29] = [
     ("not a number", |s| raw_depth(s, f32::NAN), "bad-depths"),
     ("negative", |s| raw_depth(s, -1.0), "bad-depths"),
     (
@@ -171,6 +171,20 @@ const CONTENT: [Mutation; 27] = [
         "view-does-not-fit",
     ),
     (
+        "one half of one depth map too far away",
+        |s| edit_depths(s, 4..5, |v| v.value * if v.column > 64 { 1.1 } else { 1.0 }),
+        "depths-contradict",
+    ),
+    (
+        "the left halves of all too far away",
+        |s| {
+            edit_depths(s, 0..14, |v| {
+                v.value * if v.column < 64 { 1.05 } else { 1.0 }
+            })
+        },
+        "depths-contradict",
+    ),
+    (
         "all depths rough",
         |s| edit_depths(s, 0..14, |v| v.value * (1.0 + 0.004 * (v.id % 2) as f32)),
         "depths-disagree",
@@ -229,6 +243,23 @@ fn a_single_view_s_fault_is_its_own() {
             found[0].message.contains(advice),
             "{what}: {}",
             found[0].message
+        );
+    }
+}
+
+/// The view is named and no other one, though its partners' points contradict it; or the scene, where all are wrong.
+#[test]
+fn depths_that_are_wrong_on_a_part_are_their_view_s_fault() {
+    let of_parts = CONTENT.iter().filter(|m| m.2 == "depths-contradict");
+    for ((what, spoil, code), place) in of_parts.zip(["view 4", "all views"]) {
+        let spoilt = Spoilt::new();
+        spoil(&spoilt);
+        let found = spoilt.verify().findings;
+        let found: Vec<&Finding> = found.iter().filter(|f| f.code == *code).collect();
+        assert_eq!(found.len(), 1, "{what}: {found:?}");
+        assert_eq!(
+            (found[0].severity, &found[0].place[..]),
+            (Severity::Fault, place)
         );
     }
 }
@@ -301,6 +332,7 @@ fn any_list_does_for_a_compact_array_of_cameras() {
 #[test]
 fn every_code_has_its_mutation() {
     let sources = [
+        include_str!("../contradictions.rs"),
         include_str!("../encoded.rs"),
         include_str!("../geometry.rs"),
         include_str!("../images.rs"),

@@ -55,10 +55,11 @@ pub(super) fn edit_cam(spoilt: &Spoilt, id: u32, edit: impl Fn(&mut CamFile)) {
     files::write_atomically(&path, |out| cam::write(out, &cam)).unwrap();
 }
 
-/// A depth, the length of its pixel's ray at depth 1, and its view.
+/// A depth, its column, the length of its pixel's ray at depth 1, and its view.
 pub(super) struct Value {
     pub(super) id: u32,
     pub(super) value: f32,
+    pub(super) column: u32,
     pub(super) ray: f32,
 }
 
@@ -73,6 +74,7 @@ pub(super) fn edit_depths(spoilt: &Spoilt, ids: std::ops::Range<u32>, edit: fn(V
             edit(Value {
                 id,
                 value: depth.get(i % width, i / width),
+                column: i % width,
                 ray: view.camera.ray(pixel).length() as f32,
             })
         };
