@@ -180,7 +180,7 @@ const CONTENT: [Mutation; 29] = [
         |s| {
             edit_depths(s, 0..14, |v| {
                 v.value * if v.column < 64 { 1.05 } else { 1.0 }
-            })
+            });
         },
         "depths-contradict",
     ),
