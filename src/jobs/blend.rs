@@ -3,7 +3,7 @@
 use super::{Context, OutDir};
 use crate::blend::{BlendOptions, Blender};
 use crate::error::{Error, Result};
-use crate::generate::{self, covering, same_shape};
+use crate::generate::{self, covering, masked, same_shape};
 use crate::parallel;
 use crate::provenance::Run;
 use mvs_datasets::format::image::JpegOptions;
@@ -43,6 +43,8 @@ pub struct BlendedImage {
     pub name: String,
     /// Width and height in pixels.
     pub size: (u32, u32),
+    /// Pixels of the rendering that show a surface.
+    pub surface: usize,
     /// Whether the photograph had another size and was resized.
     pub resized: bool,
     /// Whether it had another shape too and lost what lies beyond.
@@ -103,8 +105,47 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
         );
         context.warnings.add("photograph-cut", message);
     }
+    warn_of_empty(&images, job, context)?;
     out.finish()?;
     Ok(BlendOutcome { images })
+}
+
+/// Says which renderings show nothing; an error if all do.
+fn warn_of_empty(images: &[BlendedImage], job: &BlendJob, context: &Context<'_>) -> Result<()> {
+    let empty: Vec<&BlendedImage> = images.iter().filter(|image| image.surface == 0).collect();
+    let Some(first) = empty.first() else {
+        return Ok(());
+    };
+    if empty.len() == images.len() {
+        let problem = format!(
+            "expected renderings of a surface on black, found {} that are black",
+            images.len()
+        );
+        return Err(Error::invalid(job.rendered.display().to_string(), problem));
+    }
+    let message = format!(
+        "{} of {} renderings are black, so that nothing is blended with their photographs; the first is {}",
+        empty.len(),
+        images.len(),
+        first.name
+    );
+    context.warnings.add("nothing-rendered", message);
+    Ok(())
+}
+
+/// Refuses renderings both of which would become one file.
+fn check_names(renderings: &BTreeMap<String, PathBuf>) -> Result<()> {
+    for (name, path) in renderings {
+        if let Some(masked) = renderings.get(&format!("{name}_masked")) {
+            let problem = format!(
+                "expected renderings that become files of their own, found {} beside it: both become {name}_masked.jpg; \
+                 rename or remove one",
+                masked.display()
+            );
+            return Err(Error::invalid(path.display().to_string(), problem));
+        }
+    }
+    Ok(())
 }
 
 /// Pairs renderings with photographs by name.
@@ -117,6 +158,7 @@ fn find_inputs(job: &BlendJob) -> Result<Vec<Input>> {
         let problem = "expected renderings (.png or .jpg) here or in color/, found none";
         return Err(mvs_datasets::Error::layout(&job.rendered, problem).into());
     }
+    check_names(&renderings)?;
     let pair = |(name, rendering): (String, PathBuf)| {
         let missing = || {
             let problem = format!("expected a photograph of the name `{name}`, found none");
@@ -158,11 +200,21 @@ fn images_in(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
     Ok(images)
 }
 
+/// Where a rendering is not black. Beside a surface a JPEG's black is not quite; what readers of masked images take
+/// for background is background here too.
+fn surface_of(rendering: &ColorImage, path: &Path) -> Mask {
+    let exact = path
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
+    let black = if exact { 0 } else { masked::BACKGROUND };
+    rendering.map(|pixel| pixel.iter().any(|&level| level > black))
+}
+
 fn blend_one(input: &Input, job: &BlendJob, out: &OutDir) -> Result<BlendedImage> {
     let rendering = files::read_image(&input.rendering)?;
     let mask = match &input.depth {
         Some(path) => files::read_depth(path)?.0.valid_mask(),
-        None => rendering.map(|pixel| *pixel != [0; 3]),
+        None => surface_of(&rendering, &input.rendering),
     };
     let photograph = files::read_image(&input.photograph)?;
     let size = rendering.size();
@@ -183,6 +235,7 @@ fn blend_one(input: &Input, job: &BlendJob, out: &OutDir) -> Result<BlendedImage
     Ok(BlendedImage {
         name: input.name.clone(),
         size,
+        surface: mask.values().iter().filter(|&&inside| inside).count(),
         resized: taken != size,
         cut: !same_shape(taken, size),
         difference_before: mean_difference(&rendering, &fitted, &mask),

@@ -15,6 +15,9 @@ const FINISHED: &str = "run.toml";
 /// The mark of a result folder that is being made, or whose making was interrupted.
 const UNFINISHED: &str = mvs_datasets::layout::blended::UNFINISHED;
 
+/// Levels of folders in results.
+const LEVELS: u32 = 2;
+
 /// A folder for a result. Files in it are written to a temporary name and renamed; its `run.toml`
 /// appears last, so a folder without it is not finished. Of a result that is replaced, the files that the
 /// new one does not have are removed then; until a first file is asked for it stays as it is. None of
@@ -68,6 +71,7 @@ impl OutDir {
         out.run.files = replaced.map(|run| run.files).unwrap_or_default();
         out.run.write(&path.join(UNFINISHED))?;
         remove_if_there(&path.join(FINISHED))?;
+        files::remove_all_left(path, LEVELS);
         Ok(out)
     }
 
@@ -431,7 +435,12 @@ pub(super) fn write_run_file(mut run: Run, run_file: &Path, files: &[PathBuf]) -
     let folder = real.as_deref().and_then(Path::parent);
     let name = |file: &PathBuf| name_from(folder?, &real_path(file)?);
     run.files = files.iter().filter_map(name).collect();
-    run.write(run_file)
+    run.write(run_file).map_err(|error| {
+        let problem = format!(
+            "{error}: the result is there, and nothing says how it was made; make room and run again with --force"
+        );
+        Error::invalid(run_file.display().to_string(), problem)
+    })
 }
 
 /// The path of `file` from `folder`, or the whole one where nothing leads there, as to another drive. Both

@@ -9,6 +9,7 @@
 
 mod architecture;
 mod augment;
+mod blend;
 mod cli;
 mod dataset;
 mod demo;

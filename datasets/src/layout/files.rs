@@ -9,7 +9,7 @@ use crate::scene::{
 };
 use glam::DVec3;
 use std::ffi::{OsStr, OsString};
-use std::fs::TryLockError;
+use std::fs::{DirEntry, TryLockError};
 use std::io::Write;
 use std::path::Path;
 
@@ -63,26 +63,49 @@ pub fn write_by_way_of(
 pub fn remove_left(path: &Path) {
     let prefix = prefix_for(path);
     let is_left = |name: &OsStr| {
-        let inner = name
-            .as_encoded_bytes()
-            .strip_prefix(prefix.as_encoded_bytes());
-        let inner = inner.and_then(|rest| rest.strip_suffix(SUFFIX.as_bytes()));
-        inner.is_some_and(|drawn| {
-            drawn.len() == DRAWN && drawn.iter().all(u8::is_ascii_alphanumeric)
-        })
+        inner_of(name, prefix.as_encoded_bytes()).is_some_and(|inner| inner.len() == DRAWN)
     };
-    let entries = std::fs::read_dir(folder_of(path))
-        .into_iter()
-        .flatten()
-        .flatten();
-    for entry in entries.filter(|entry| is_left(&entry.file_name())) {
-        if !entry.file_type().is_ok_and(|kind| kind.is_file()) {
-            continue;
+    for entry in entries_of(folder_of(path)) {
+        if is_left(&entry.file_name()) {
+            remove_unless_locked(&entry);
         }
-        let file = std::fs::File::options().write(true).open(entry.path());
-        if file.is_ok_and(|file| file.try_lock().is_ok()) {
-            let _ = std::fs::remove_file(entry.path());
+    }
+}
+
+/// As [`remove_left`], of writing any file in a folder or so many levels below it.
+pub fn remove_all_left(folder: &Path, levels: u32) {
+    for entry in entries_of(folder) {
+        let name = entry.file_name();
+        if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            // What is temporary as a whole is another's to remove.
+            if levels > 0 && !name.as_encoded_bytes().starts_with(TEMPORARY.as_bytes()) {
+                remove_all_left(&entry.path(), levels - 1);
+            }
+        } else if inner_of(&name, TEMPORARY.as_bytes()).is_some() {
+            remove_unless_locked(&entry);
         }
+    }
+}
+
+fn entries_of(folder: &Path) -> impl Iterator<Item = DirEntry> + use<> {
+    std::fs::read_dir(folder).into_iter().flatten().flatten()
+}
+
+/// What a temporary file's name has between `prefix` and its ending, the letters that are drawn last.
+fn inner_of<'n>(name: &'n OsStr, prefix: &[u8]) -> Option<&'n [u8]> {
+    let inner = name.as_encoded_bytes().strip_prefix(prefix)?;
+    let inner = inner.strip_suffix(SUFFIX.as_bytes())?;
+    let drawn = &inner[inner.len().checked_sub(DRAWN)?..];
+    drawn.iter().all(u8::is_ascii_alphanumeric).then_some(inner)
+}
+
+fn remove_unless_locked(entry: &DirEntry) {
+    if !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+        return;
+    }
+    let file = std::fs::File::options().write(true).open(entry.path());
+    if file.is_ok_and(|file| file.try_lock().is_ok()) {
+        let _ = std::fs::remove_file(entry.path());
     }
 }
 
@@ -277,6 +300,40 @@ mod tests {
         put(&long, b"x");
         remove_left(&long);
         assert!(long.exists());
+    }
+
+    #[test]
+    fn what_killed_runs_left_in_a_folder_goes_level_by_level() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let left = ".mvs-eval-a.png-Ab12cd.part";
+        let places = [
+            "",
+            "color",
+            "color/deep",
+            "color/deep/deeper",
+            ".mvs-eval-scratch",
+        ];
+        for place in places {
+            put(&at(place).join("a.png"), b"x");
+            put(&at(place).join(left), b"x");
+            put(&at(place).join("b-Ab12cd.part"), b"x");
+        }
+        write_atomically(&at("b.png"), |out| {
+            let before = names_in(folder.path()).len();
+            remove_all_left(folder.path(), 2);
+            assert_eq!(
+                names_in(folder.path()).len(),
+                before - 1,
+                "it is being written"
+            );
+            out.write_all(b"x")
+        })
+        .unwrap();
+        let stays = |place: &str| at(place).join(left).exists();
+        assert_eq!(places.map(stays), [false, false, false, true, true]);
+        assert!(places.iter().all(|place| at(place).join("a.png").exists()));
+        assert!(at("b.png").exists() && at("b-Ab12cd.part").exists());
     }
 
     #[cfg(unix)]

@@ -74,6 +74,28 @@ fn an_interrupted_run_of_the_same_options_goes_on() {
 }
 
 #[test]
+fn what_a_killed_run_left_of_its_files_goes() {
+    let folder = tempfile::tempdir().unwrap();
+    let left = folder
+        .path()
+        .join("color")
+        .join(".mvs-eval-a.png-Ab12cd.part");
+    files::write_atomically(&left, |_| Ok(())).unwrap();
+    let out = OutDir::create(folder.path(), run_of(4), true).unwrap();
+    assert!(!left.exists());
+    out.finish().unwrap();
+}
+
+#[test]
+fn a_run_file_that_cannot_be_written_says_that_the_result_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    files::write_atomically(&file, |_| Ok(())).unwrap();
+    let error = write_run_file(run_of(4), &file.join("a.run.toml"), &[]).unwrap_err();
+    assert!(error.to_string().contains("the result is there"), "{error}");
+}
+
+#[test]
 fn a_run_that_failed_before_its_first_file_is_in_nobodys_way() {
     let folder = tempfile::tempdir().unwrap();
     drop(OutDir::create(folder.path(), run_of(4), false).unwrap());
