@@ -194,13 +194,19 @@ impl Inputs {
     /// # Errors
     /// What cannot be read.
     pub fn hash_others(&self, later: &BTreeSet<&Path>) -> Result<()> {
+        let hashes = self.others(later)?;
+        self.known().extend(hashes);
+        Ok(())
+    }
+
+    /// The hashes of the files that are not hashed yet, but for those of `later`.
+    fn others(&self, later: &BTreeSet<&Path>) -> Result<BTreeMap<PathBuf, blake3::Hash>> {
         let mut paths = self.files();
         paths.retain(|path| !later.contains(path) && !self.known().contains_key(*path));
         paths.sort_unstable();
         let hashes = parallel::try_map(paths.len(), |nth| hash_file(paths[nth]))?;
         let paths = paths.into_iter().map(Path::to_path_buf);
-        self.known().extend(paths.zip(hashes));
-        Ok(())
+        Ok(paths.zip(hashes).collect())
     }
 
     /// Hashes the content of a file that is about to be read, piece by piece, unless it was before.
@@ -219,21 +225,22 @@ impl Inputs {
 
     /// BLAKE3 of each, as [`hash_path`] has it, by the path it was given as.
     fn hashes(&self) -> Result<BTreeMap<String, String>> {
-        self.hash_others(&BTreeSet::new())?;
-        let hash = |(path, listed): (&String, &Listed)| Ok((path.clone(), self.hash(listed)?));
-        self.listed.iter().map(hash).collect()
+        let mut hashes = self.others(&BTreeSet::new())?;
+        hashes.extend(self.known().clone());
+        let hash = |(path, listed): (&String, &Listed)| (path.clone(), listed.hash(&hashes));
+        Ok(self.listed.iter().map(hash).collect())
     }
+}
 
-    fn hash(&self, listed: &Listed) -> Result<String> {
-        let hash = match listed {
-            Listed::File(path) => {
-                let known = self.known().get(path).copied();
-                known.map_or_else(|| hash_file(path), Ok)?
-            }
+impl Listed {
+    /// The hash of a file, one of `hashes`, or of a folder.
+    fn hash(&self, hashes: &BTreeMap<PathBuf, blake3::Hash>) -> String {
+        let hash = match self {
+            Listed::File(path) => hashes[path],
             Listed::Folder(entries) => {
                 let mut hasher = blake3::Hasher::new();
                 for (name, listed) in entries {
-                    let hash = self.hash(listed)?;
+                    let hash = listed.hash(hashes);
                     hasher
                         .update(name.as_bytes())
                         .update(&[0])
@@ -242,11 +249,9 @@ impl Inputs {
                 hasher.finalize()
             }
         };
-        Ok(hash.to_hex().to_string())
+        hash.to_hex().to_string()
     }
-}
 
-impl Listed {
     fn at(path: &Path, own: &BTreeSet<PathBuf>) -> Result<Self> {
         let unreadable = || mvs_datasets::Error::io(path, "read");
         let metadata = std::fs::metadata(path).map_err(unreadable())?;
@@ -297,8 +302,9 @@ fn hash_file(path: &Path) -> Result<blake3::Hash> {
 
 /// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.
 pub fn hash_path(path: &Path) -> Result<String> {
-    let listed = Listed::at(path, &BTreeSet::new())?;
-    Inputs::default().hash(&listed)
+    let mut inputs = Inputs::default();
+    inputs.add(path)?;
+    Ok(inputs.hashes()?.into_values().collect())
 }
 
 /// SHA-256 of a file's bytes, in hexadecimal: what `sha256sum` prints and records name files by.
