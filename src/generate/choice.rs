@@ -68,10 +68,20 @@ pub(super) fn plan_scene(
     let has_sources = |&place: &usize| !sources[place].is_empty();
     let places: Vec<usize> = (0..views.len()).filter(has_sources).collect();
     if places.is_empty() {
-        return Err(no_pair(
-            views.len(),
-            pairs::count_behind(surface, &sets[0], look),
-        ));
+        let behind = pairs::count_behind(surface, &sets[0], look);
+        let shared = covisibility.as_ref().map_or(&[][..], Covisibility::shared);
+        let places = 0..views.len();
+        let share = places.flat_map(|a| {
+            (0..views.len())
+                .filter(move |&b| a != b)
+                .map(move |b| (a, b))
+        });
+        let share = share.filter(|(a, b)| {
+            shared
+                .get(a * views.len() + b)
+                .is_some_and(|&part| part > 0.0)
+        });
+        return Err(no_pair(views.len(), behind, share.count() > 0));
     }
     let left_out = (0..views.len()).filter(|place| !has_sources(place));
     let left_out = left_out.map(|place| LeftOut {
@@ -86,8 +96,16 @@ pub(super) fn plan_scene(
     })
 }
 
-/// No two of `count` views see the same surface; `behind` of them see only the backs of triangles.
-fn no_pair(count: usize, behind: usize) -> Error {
+/// No two of `count` views are each other's sources: though some `share` surface, or `behind` of them see only the
+/// backs of triangles.
+fn no_pair(count: usize, behind: usize, share: bool) -> Error {
+    if share {
+        let problem = format!(
+            "expected views that see the same surface from directions near each other, found none among {count}: \
+             some see it, but under angles so far from the best that all scores round to 0; views between them help"
+        );
+        return Error::invalid("views", problem);
+    }
     let why = match behind {
         0 => "are mesh and cameras in the same frame, and poses world-to-camera?".to_owned(),
         _ => format!(

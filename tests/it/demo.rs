@@ -71,6 +71,26 @@ fn the_demo_makes_the_same_bytes_at_any_thread_count_and_again() {
 }
 
 #[test]
+fn the_least_number_of_views_works_and_fewer_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = ["--size", "160x120", "--tau", "0.03"];
+    demo(folder.path(), &[&small[..], &["--views", "5"]].concat());
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("mvs-eval"));
+    let output = command
+        .current_dir(folder.path())
+        .args(["demo", "--views", "4", "--out", "other"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let said = stderr(&output);
+    assert!(
+        said.contains("--views: expected at least 5, found 4"),
+        "{said}"
+    );
+    assert!(!folder.path().join("other").exists());
+}
+
+#[test]
 fn a_demo_with_fewer_views_leaves_none_of_the_one_before() {
     let (again, anew) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let with = |views, folder: &Path| {

@@ -54,6 +54,20 @@ impl Lit {
         }
     }
 
+    /// Views a quarter of a turn apart.
+    fn far_apart() -> Self {
+        let options = SyntheticOptions {
+            views: 4,
+            width: 128,
+            height: 96,
+            ..SyntheticOptions::default()
+        };
+        Self {
+            scene: SyntheticScene::new(options).unwrap(),
+            asked: AtomicUsize::new(0),
+        }
+    }
+
     fn generate(&self, folder: &Path, options: &GenerateOptions) -> Warnings {
         let warnings = Warnings::default();
         let id = scene_id("synthetic");
@@ -271,6 +285,24 @@ fn a_view_that_sees_nothing_is_left_out_and_named() {
 }
 
 /// A set so small that a view which sees the mesh's edge only has no pixel centre on it.
+#[test]
+fn views_too_far_apart_to_be_sources_are_told_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let lit = Lit::far_apart();
+    let source = source_of(
+        ("far", "0123456789abcdef01234567"),
+        (lit.scene.mesh(), lit.scene.scene().views()),
+        &lit,
+    );
+    let target = BlendedFolder::new(folder.path());
+    let made = generate(&source, &target, &draft(), &Silent, &Warnings::default());
+    let said = made.unwrap_err().to_string();
+    assert!(
+        said.contains("found none among 4: some see it, but under angles"),
+        "{said}"
+    );
+}
+
 #[test]
 fn a_view_without_surface_in_one_of_the_sets_is_left_out_of_all() {
     let folder = tempfile::tempdir().unwrap();

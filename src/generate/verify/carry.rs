@@ -15,6 +15,9 @@ pub(super) struct Carried {
     pub(super) pixel: DVec2,
     /// Relative difference between its depth there and the source's: positive when behind.
     pub(super) difference: f64,
+    /// Whether it lies in front of all that the source sees there and two pixels around: what is seen at an edge
+    /// may fall beside it in another view.
+    pub(super) in_front: bool,
 }
 
 /// Pixels with depth on a regular grid of about `points`.
@@ -70,6 +73,23 @@ fn interpolated(depth: &DepthMap, view: &View, pixel: DVec2, reading: Reading) -
     (most <= least * (1.0 + SMOOTH)).then(|| 1.0 / inverse)
 }
 
+/// The least depth within two pixels of continuous coordinates.
+fn nearest(depth: &DepthMap, view: &View, pixel: DVec2, reading: Reading) -> f64 {
+    let (width, height) = depth.size();
+    let around = |at: f64, length: u32| {
+        let at = at as u32;
+        at.saturating_sub(2)..(at + 3).min(length)
+    };
+    let places = around(pixel.y, height)
+        .flat_map(|row| around(pixel.x, width).map(move |column| (column, row)));
+    let depths = places.filter_map(|(column, row)| {
+        let value = depth.get(column, row);
+        let centre = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
+        (value > 0.0).then(|| reading.depth(&view.camera, centre, value))
+    });
+    depths.fold(f64::INFINITY, f64::min)
+}
+
 /// The reference's points that fall on smooth depth of the source, with their world positions; the
 /// depths of either are understood by its reading.
 pub(super) fn carry(
@@ -85,7 +105,14 @@ pub(super) fn carry(
         let pixel = source.0.camera.project(in_source)?;
         let there = interpolated(source.1, source.0, pixel, of_source)?;
         let difference = in_source.z / there - 1.0;
-        Some((from, position, Carried { pixel, difference }))
+        let in_front = difference < -SAME_SURFACE
+            && in_source.z < nearest(source.1, source.0, pixel, of_source) * (1.0 - SAME_SURFACE);
+        let carried = Carried {
+            pixel,
+            difference,
+            in_front,
+        };
+        Some((from, position, carried))
     };
     points.iter().filter_map(carried).collect()
 }

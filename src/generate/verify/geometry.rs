@@ -35,7 +35,7 @@ pub struct PairCheck {
     pub in_frame: usize,
     /// Of those, the ones whose depth agrees to 1 %; the others are mostly occluded.
     pub agree: usize,
-    /// Those that lie more than 1 % in front of what the source sees.
+    /// Those that lie more than 1 % in front of all that the source sees within two pixels.
     pub in_front: usize,
     /// Median relative difference of those that agree; 0 when there are none.
     pub median_difference: f64,
@@ -225,7 +225,7 @@ fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairC
         agree: same.len(),
         in_front: all
             .iter()
-            .filter(|(_, _, carried)| carried.difference < -SAME_SURFACE)
+            .filter(|(_, _, carried)| carried.in_front)
             .count(),
         median_difference: at(0.5),
         worst_difference: at(0.999),

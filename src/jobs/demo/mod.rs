@@ -22,6 +22,9 @@ use mvs_metrics::Tolerance;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
+/// Of fewer, none looks from a direction near another's.
+const LEAST_VIEWS: u32 = 5;
+
 /// Options of `mvs-eval demo`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -77,6 +80,14 @@ pub struct DemoOutcome {
 
 /// Makes the scene, generates, fuses, scores and reports.
 pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
+    if job.views < LEAST_VIEWS {
+        let problem = format!(
+            "expected at least {LEAST_VIEWS}, found {}: fewer look from directions too far apart to be sources of \
+             each other",
+            job.views
+        );
+        return Err(Error::invalid("--views", problem));
+    }
     Tolerance::new(job.tau).map_err(|error| Error::invalid("--tau", error.to_string()))?;
     let out = OutDir::create_again(
         &job.out,
