@@ -2,7 +2,7 @@
 
 use super::inputs::DepthMaps;
 use super::options::FuseOptions;
-use super::samples::{SIDE, Samples, confidence, put_confident, threshold, with_depth};
+use super::samples::{SIDE, Samples, confidence};
 use crate::error::Result;
 use std::ops::Range;
 
@@ -121,6 +121,68 @@ impl Confident {
     }
 }
 
+/// Puts stored values into `to`, zeros, but for what has less than the `least` confidence or none; how many
+/// depths that were.
+pub(super) fn put_confident(
+    (stored, confidences): (&[f32], &[f32]),
+    least: f32,
+    to: &mut [f32],
+) -> u64 {
+    let mut unconfident = 0u64;
+    let known = stored.chunks(RUN).zip(confidences.chunks(RUN));
+    for ((stored, confidences), to) in known.zip(to.chunks_mut(RUN)) {
+        if is_empty(stored) {
+            continue;
+        }
+        let mut some = 0u32;
+        for ((&stored, &confidence), to) in stored.iter().zip(confidences).zip(to) {
+            let kept = confidence >= least;
+            some += u32::from((stored > 0.0) & !kept);
+            *to = if kept { stored } else { 0.0 };
+        }
+        unconfident += u64::from(some);
+    }
+    unconfident
+}
+
+/// Pixels in a row that are looked at together to see whether there is anything.
+const RUN: usize = 64;
+
+/// Whether all values, none of them negative, are 0.
+#[inline(always)]
+fn is_empty(values: &[f32]) -> bool {
+    values.iter().fold(0, |bits, value| bits | value.to_bits()) == 0
+}
+
+/// The confidences at depths, which are not 0.
+pub(super) fn with_depth<'a>(
+    depths: &'a [f32],
+    confidences: &'a [f32],
+) -> impl Iterator<Item = f32> + use<'a> {
+    let both = depths.iter().zip(confidences);
+    both.filter(|&(&depth, _)| depth != 0.0)
+        .map(|(_, &confidence)| confidence)
+}
+
+/// The least confidence that is kept: given, or a quantile of those of the pixels with depth.
+pub(super) fn threshold(with_depth: impl Iterator<Item = f32>, options: &FuseOptions) -> f32 {
+    if options.confidence_quantile <= 0.0 {
+        return options.min_confidence;
+    }
+    let mut values: Vec<f32> = with_depth.filter(|c| !c.is_nan()).collect();
+    if values.is_empty() {
+        return f32::INFINITY;
+    }
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::cast_precision_loss,
+        reason = "a fraction below 1 of a number of pixels"
+    )]
+    let rank = (options.confidence_quantile * values.len() as f64) as usize;
+    *values.select_nth_unstable_by(rank, f32::total_cmp).1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -187,5 +249,20 @@ mod tests {
         }
         assert!(unconfident > 0);
         assert_eq!(unconfident, whole.left_out().unconfident);
+    }
+
+    #[test]
+    fn a_quantile_leaves_out_that_fraction() {
+        let values = (0..100u8).map(|i| f32::from((u16::from(i) * 37 % 100) as u8));
+        let options = FuseOptions {
+            confidence_quantile: 0.25,
+            ..FuseOptions::default()
+        };
+        assert_eq!(threshold(values, &options), 25.0);
+        let nothing = [f32::NAN; 3].into_iter();
+        assert_eq!(threshold(nothing, &options), f32::INFINITY);
+        // What has no depth does not count, whatever its confidence.
+        let some = with_depth(&[0.0, 2.0, 0.0, 3.0, 2.5], &[0.0, 0.7, 0.9, 0.2, 0.4]);
+        assert_eq!(some.collect::<Vec<_>>(), [0.7, 0.2, 0.4]);
     }
 }

@@ -69,19 +69,8 @@ pub(super) fn plan_scene(
     let places: Vec<usize> = (0..views.len()).filter(has_sources).collect();
     if places.is_empty() {
         let behind = pairs::count_behind(surface, &sets[0], look);
-        let shared = covisibility.as_ref().map_or(&[][..], Covisibility::shared);
-        let places = 0..views.len();
-        let share = places.flat_map(|a| {
-            (0..views.len())
-                .filter(move |&b| a != b)
-                .map(move |b| (a, b))
-        });
-        let share = share.filter(|(a, b)| {
-            shared
-                .get(a * views.len() + b)
-                .is_some_and(|&part| part > 0.0)
-        });
-        return Err(no_pair(views.len(), behind, share.count() > 0));
+        let share = (0..views.len()).any(|place| is_seen_by_others(covisibility.as_ref(), place));
+        return Err(no_pair(views.len(), behind, share));
     }
     let left_out = (0..views.len()).filter(|place| !has_sources(place));
     let left_out = left_out.map(|place| LeftOut {
@@ -125,13 +114,17 @@ pub(super) fn fitted_to(views: &[View], size: Option<(u32, u32)>) -> Result<Vec<
     views.iter().map(fit).collect()
 }
 
-/// Why the view at `place` is left out.
-fn reason(sees: bool, covisibility: Option<&Covisibility>, place: usize) -> &'static str {
-    let seen_by_others = covisibility.is_some_and(|all| {
+/// Whether another view sees surface that the view at `place` sees.
+fn is_seen_by_others(covisibility: Option<&Covisibility>, place: usize) -> bool {
+    covisibility.is_some_and(|all| {
         let row = &all.shared()[place * all.views()..][..all.views()];
         (row.iter().enumerate()).any(|(other, &part)| other != place && part > 0.0)
-    });
-    match (sees, seen_by_others) {
+    })
+}
+
+/// Why the view at `place` is left out.
+fn reason(sees: bool, covisibility: Option<&Covisibility>, place: usize) -> &'static str {
+    match (sees, is_seen_by_others(covisibility, place)) {
         (false, _) => "at the size of one of the sets it sees no surface",
         (true, false) => "no other view sees the surface that it sees",
         (true, true) => {

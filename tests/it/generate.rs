@@ -42,22 +42,12 @@ struct Lit {
 
 impl Lit {
     fn new() -> Self {
-        let options = SyntheticOptions {
-            views: 6,
-            width: 128,
-            height: 96,
-            ..SyntheticOptions::default()
-        };
-        Self {
-            scene: SyntheticScene::new(options).unwrap(),
-            asked: AtomicUsize::new(0),
-        }
+        Self::of_views(6)
     }
 
-    /// Views a quarter of a turn apart.
-    fn far_apart() -> Self {
+    fn of_views(views: u32) -> Self {
         let options = SyntheticOptions {
-            views: 4,
+            views,
             width: 128,
             height: 96,
             ..SyntheticOptions::default()
@@ -288,7 +278,7 @@ fn a_view_that_sees_nothing_is_left_out_and_named() {
 #[test]
 fn views_too_far_apart_to_be_sources_are_told_so() {
     let folder = tempfile::tempdir().unwrap();
-    let lit = Lit::far_apart();
+    let lit = Lit::of_views(4); // a quarter of a turn apart
     let source = source_of(
         ("far", "0123456789abcdef01234567"),
         (lit.scene.mesh(), lit.scene.scene().views()),

@@ -22,6 +22,11 @@ pub(super) type Corners = (DVec3, DVec3);
 /// The box of nothing.
 pub(super) const NOWHERE: Corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
+/// The box around both.
+pub(super) fn wider(a: Corners, b: Corners) -> Corners {
+    (a.0.min(b.0), a.1.max(b.1))
+}
+
 /// The least and the largest of a column.
 #[allow(
     clippy::needless_range_loop,
@@ -377,8 +382,7 @@ impl wide::Task for Search<'_> {
 }
 
 fn union(boxes: &[Corners]) -> Corners {
-    let wider = |a: Corners, b: &Corners| (a.0.min(b.0), a.1.max(b.1));
-    boxes.iter().fold(NOWHERE, wider)
+    boxes.iter().copied().fold(NOWHERE, wider)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Order along a Hilbert curve: neighbours in the order are neighbours in space.
 
+use super::blocks::{Corners, NOWHERE, wider};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -122,11 +123,6 @@ impl Parted {
     }
 }
 
-/// The lower and the upper corner of a box.
-type Corners = (DVec3, DVec3);
-/// The box of nothing.
-const NOWHERE: Corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-
 fn corners(points: impl Iterator<Item = DVec3>) -> Corners {
     points.fold(NOWHERE, |(min, max), p| (min.min(p), max.max(p)))
 }
@@ -151,8 +147,7 @@ impl Frame {
             let points = chunk * KEYS..count.min((chunk + 1) * KEYS);
             corners(points.map(at))
         });
-        let joined = |a: Corners, b: Corners| (a.0.min(b.0), a.1.max(b.1));
-        let Some(all) = Self::between(corners.reduce(|| NOWHERE, joined)) else {
+        let Some(all) = Self::between(corners.reduce(|| NOWHERE, wider)) else {
             return nowhere;
         };
         let step = count.div_ceil(SAMPLE).max(1);

@@ -75,9 +75,7 @@ pub fn both_ways(a: &[DVec3], b: &[DVec3]) -> Result<(Vec<f64>, Vec<f64>)> {
         let far = |points: &[DVec3]| vec![f64::INFINITY; points.len()];
         return Ok((far(a), far(b)));
     }
-    let index = |points| BlockIndex::of(&listed(points, Order::Any));
-    let (a, b) = rayon::join(|| index(a), || index(b));
-    let (a, b) = (a?, b?);
+    let [a, b] = indices(Order::Any, [a, b])?;
     Ok((b.distances_from(&a), a.distances_from(&b)))
 }
 
@@ -90,13 +88,17 @@ pub fn both_ways_in(order: Order, lists: [Vec<DVec3>; 2]) -> Result<[(Vec<DVec3>
             (points, distances)
         }));
     }
-    let index = |points: Vec<DVec3>| BlockIndex::of(&listed(&points, order));
-    let [a, b] = lists;
-    let (a, b) = rayon::join(|| index(a), || index(b));
-    let (a, b) = (a?, b?);
+    let [a, b] = indices(order, lists)?;
     let (from_a, from_b) = (b.distances_from(&a), a.distances_from(&b));
     let points = |index: BlockIndex| index.pieces().flatten().collect();
     Ok([(points(a), from_a), (points(b), from_b)])
+}
+
+/// The indices of two lists, each of which goes when its index is there.
+fn indices<P: AsRef<[DVec3]> + Send>(order: Order, [a, b]: [P; 2]) -> Result<[BlockIndex; 2]> {
+    let index = |points: P| BlockIndex::of(&listed(points.as_ref(), order));
+    let (a, b) = rayon::join(|| index(a), || index(b));
+    Ok([a?, b?])
 }
 
 /// Points that one thread checks at a time.
