@@ -153,6 +153,8 @@ fn estimate_of(value: f32) -> Option<f64> {
 /// The errors of one depth map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthErrors {
+    /// Pixels of the map.
+    size: usize,
     interval: f64,
     counted: usize,
     /// Per pixel with truth and estimate: |truth − estimate| and the truth, in world units.
@@ -178,6 +180,7 @@ impl DepthErrors {
     ) -> Result<Self> {
         check_lengths(truth, estimate)?;
         let mut result = Self {
+            size: truth.len(),
             interval: planes.interval(),
             counted: 0,
             errors: Vec::new(),
@@ -217,16 +220,15 @@ impl DepthErrors {
     /// pixel left out. 0 is a confidence that orders pixels as their errors do. Equally confident
     /// pixels stand for their mean error, so their order does not matter; NaN is least confident.
     ///
-    /// `confidence` has the maps' length, larger is surer. `None` where no pixel was compared.
+    /// `confidence` has the maps' length, an error where not; larger is surer. `None` where no pixel was
+    /// compared.
     ///
     /// Ilg et al. 2018 (Uncertainty Estimates and Multi-Hypotheses Networks for Optical Flow),
     /// with depth errors and not normalised.
     pub fn ause(&self, confidence: &[f32]) -> Result<Option<f64>> {
-        if let Some(&last) = self.pixels.last()
-            && last >= confidence.len()
-        {
-            let found = confidence.len();
-            let problem = format!("expected the maps' size, found {found} pixels");
+        if self.size != confidence.len() {
+            let (expected, found) = (self.size, confidence.len());
+            let problem = format!("expected the maps' {expected} pixels, found {found}");
             return Err(Error::invalid("confidence", problem));
         }
         let mut by_confidence: Vec<(f32, f64)> = self
@@ -393,7 +395,7 @@ mod tests {
         assert_eq!(ause([3.0, 2.0, 1.0, f32::NAN, 9.0]), 0.0);
         // Two ties: 1 and 2 stand for 1.5 each: means 0, .75, 1, 1.5.
         assert_eq!(ause([3.0, 2.0, 2.0, 1.0, 9.0]), 0.25 / 4.0);
-        assert!(errors.ause(&[1.0; 3]).is_err());
+        assert!(errors.ause(&[1.0; 4]).is_err() && errors.ause(&[1.0; 6]).is_err());
         let none = DepthErrors::new(&[4.0], &[0.0], &planes()).unwrap();
         assert_eq!(none.ause(&[1.0]).unwrap(), None);
     }

@@ -69,7 +69,7 @@ pub(super) fn plan_scene(
     let places: Vec<usize> = (0..views.len()).filter(has_sources).collect();
     if places.is_empty() {
         let behind = pairs::count_behind(surface, &sets[0], look);
-        let share = (0..views.len()).any(|place| is_seen_by_others(covisibility.as_ref(), place));
+        let share = covisibility.as_ref().is_some_and(Covisibility::any_share);
         return Err(no_pair(views.len(), behind, share));
     }
     let left_out = (0..views.len()).filter(|place| !has_sources(place));
@@ -89,11 +89,7 @@ pub(super) fn plan_scene(
 /// backs of triangles.
 fn no_pair(count: usize, behind: usize, share: bool) -> Error {
     if share {
-        let problem = format!(
-            "expected views that see the same surface from directions near each other, found none among {count}: \
-             some see it, but under angles so far from the best that all scores round to 0; views between them help"
-        );
-        return Error::invalid("views", problem);
+        return Error::invalid("views", too_far_apart(count));
     }
     let why = match behind {
         0 => "are mesh and cameras in the same frame, and poses world-to-camera?".to_owned(),
@@ -114,17 +110,18 @@ pub(super) fn fitted_to(views: &[View], size: Option<(u32, u32)>) -> Result<Vec<
     views.iter().map(fit).collect()
 }
 
-/// Whether another view sees surface that the view at `place` sees.
-fn is_seen_by_others(covisibility: Option<&Covisibility>, place: usize) -> bool {
-    covisibility.is_some_and(|all| {
-        let row = &all.shared()[place * all.views()..][..all.views()];
-        (row.iter().enumerate()).any(|(other, &part)| other != place && part > 0.0)
-    })
+/// What to say where `count` views see the same surface, and no two of them from directions near enough.
+pub(crate) fn too_far_apart(count: usize) -> String {
+    format!(
+        "expected views that see the same surface from directions near each other, found none among {count}: \
+         some see it, but under angles so far from the best that all scores round to 0; views between them help"
+    )
 }
 
 /// Why the view at `place` is left out.
 fn reason(sees: bool, covisibility: Option<&Covisibility>, place: usize) -> &'static str {
-    match (sees, is_seen_by_others(covisibility, place)) {
+    let shares = covisibility.is_some_and(|all| all.shares(place));
+    match (sees, shares) {
         (false, _) => "at the size of one of the sets it sees no surface",
         (true, false) => "no other view sees the surface that it sees",
         (true, true) => {

@@ -19,6 +19,7 @@ pub mod verify;
 mod view;
 pub mod visibility;
 
+pub(crate) use choice::too_far_apart;
 pub(crate) use fit::same_shape;
 pub use fit::{Fit, covering};
 pub(crate) use leftovers::written;

@@ -148,6 +148,17 @@ impl Covisibility {
         &self.shared
     }
 
+    /// Whether another view sees surface that the view at `place` sees.
+    pub(super) fn shares(&self, place: usize) -> bool {
+        let row = &self.shared[place * self.views..][..self.views];
+        (row.iter().enumerate()).any(|(other, &part)| other != place && part > 0.0)
+    }
+
+    /// Whether any two views see the same surface.
+    pub(crate) fn any_share(&self) -> bool {
+        (0..self.views).any(|place| self.shares(place))
+    }
+
     /// The score of two views: the mean of both directions, rounded to 4 decimals.
     pub fn score(&self, first: usize, second: usize) -> f64 {
         let at = |row: usize, column: usize| self.scores[row * self.views + column];

@@ -9,6 +9,7 @@ use mvs_datasets::format::image;
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, View};
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
@@ -27,8 +28,8 @@ pub trait Photographs: Sync {
     }
 }
 
-/// Photographs in a folder: the file of the view's name; else one of that name with another ending;
-/// else the same without the name's folder, or of the view's eight-digit id. For views whose name has a
+/// Photographs in a folder: the file of the view's name; else one of that name with another ending, or, where
+/// the name has no image's ending, with one after it; else the same without the name's folder, or of the view's eight-digit id. For views whose name has a
 /// folder the last two are looked for only where no view's photograph lies in such a folder, so that none
 /// is taken from another's.
 #[derive(Debug, Clone)]
@@ -39,6 +40,9 @@ pub struct PhotoFolder {
 }
 
 const ENDINGS: [&str; 6] = ["jpg", "jpeg", "JPG", "JPEG", "png", "PNG"];
+
+/// Those of images that are not read, for which one of the others may lie there.
+const OTHER_ENDINGS: [&str; 6] = ["tif", "tiff", "bmp", "webp", "heic", "exr"];
 
 impl PhotoFolder {
     /// Finds the photograph of each view; the ones that are missing are named at once.
@@ -122,14 +126,12 @@ fn find(folder: &Path, view: &View, nested: bool) -> Result<Option<PathBuf>> {
     if !view.name.is_empty() && is_file(&named)? {
         return Ok(Some(named));
     }
-    let stem = Path::new(&view.name).file_stem();
-    let stem = stem.map(|stem| stem.to_string_lossy().into_owned());
-    let mut stems = Vec::new();
-    if let Some(stem) = &stem {
-        stems.push(Path::new(folder_of(view)).join(stem));
-    }
+    let names = stems_of(Path::new(&view.name));
+    let mut stems: Vec<PathBuf> = (names.iter())
+        .map(|name| Path::new(folder_of(view)).join(name))
+        .collect();
     if !nested || folder_of(view).is_empty() {
-        stems.extend(stem.map(PathBuf::from));
+        stems.extend(names.into_iter().map(PathBuf::from));
         stems.push(format!("{:08}", view.id).into());
     }
     for stem in stems {
@@ -141,6 +143,19 @@ fn find(folder: &Path, view: &View, nested: bool) -> Result<Option<PathBuf>> {
         }
     }
     Ok(None)
+}
+
+/// What endings may follow in a name: all before its own one; first all of it, where what follows its last
+/// point is no image's ending.
+fn stems_of(name: &Path) -> Vec<String> {
+    let text = |part: &OsStr| part.to_string_lossy().into_owned();
+    let ending = name.extension().unwrap_or_default();
+    let is_images =
+        (ENDINGS.iter().chain(&OTHER_ENDINGS)).any(|end| ending.eq_ignore_ascii_case(end));
+    let whole = name.file_name().filter(|_| !is_images).map(text);
+    let stem = name.file_stem().map(text);
+    let stem = stem.filter(|stem| Some(stem) != whole.as_ref());
+    whole.into_iter().chain(stem).collect()
 }
 
 /// A photograph of the same name whose ending is another one in whatever letters.
@@ -296,6 +311,26 @@ mod tests {
             error.contains("2 of 3 views") && error.contains("x.jpg"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn a_point_in_a_name_without_an_ending_is_part_of_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = [
+            "cam.0001.jpg",
+            "cam.0002.png",
+            "b.v1/frame.7.jpg",
+            "d.jpg",
+            "d.tif.jpg",
+        ];
+        for name in names {
+            touch(&folder.path().join(name));
+        }
+        let views = ["cam.0001", "cam.0002", "b.v1/frame.7", "d.tif"];
+        let views: Vec<View> = (0..).zip(views).map(|(id, name)| view(id, name)).collect();
+        let photos = PhotoFolder::open(folder.path(), &views).unwrap();
+        let found = names[..4].iter().map(|name| folder.path().join(name));
+        assert!(photos.files().eq(found), "{:?}", photos.paths);
     }
 
     #[test]

@@ -154,7 +154,28 @@ fn at_size(views: &[View], size: Size, context: &Context<'_>) -> Vec<Option<Size
         );
         context.warnings.add("camera-size", message);
     }
+    warn_of_centred(views, &sizes, context);
     sizes
+}
+
+/// Says so where cams are taken to be for images a little larger or smaller than those whose middle is exactly
+/// the principal point.
+fn warn_of_centred(views: &[View], sizes: &[Option<Size>], context: &Context<'_>) {
+    let other = |(view, size): (&View, &Option<Size>)| {
+        let (size, twice) = ((*size)?, 2.0 * view.camera.center());
+        let is_centred = (twice - twice.round()).abs().max_element() < 1e-6;
+        let own = (view.camera.width(), view.camera.height());
+        (is_centred && own != pair(size)).then_some((own, size))
+    };
+    let mut others = views.iter().zip(sizes).filter_map(other);
+    if let Some(((width, height), size)) = others.next() {
+        let message = format!(
+            "{} cams, whose principal points are the middle of images of {width}x{height}, say, are taken to be \
+             for images of {size}, and not scaled: if they are to be, give --camera-size {width}x{height}",
+            1 + others.count()
+        );
+        context.warnings.add("camera-size", message);
+    }
 }
 
 /// The scene with cams for these sizes, where there are any; what is to be known of it becomes warnings.
@@ -334,15 +355,29 @@ mod tests {
         let views: Vec<View> = views.collect();
         let size: Size = "128x96".parse().unwrap();
         let of = |views: &[View]| at_size(views, size, &context);
-        assert_eq!(of(&views[..2]), [Some(size); 2]);
         assert_eq!(of(&views[1..2]), [None]);
+        assert_eq!(of(&[view_at(5, (62.3, 47.9))]), [Some(size)]);
         assert!(warnings.sorted().is_empty());
-        assert_eq!(of(&views), [Some(size), Some(size), None, None]);
+        assert_eq!(of(&[view_at(5, (62.0, 47.5))]), [Some(size)]);
         let said = &warnings.sorted()[0].message;
         assert!(
-            said.contains("2 of 4 views") && said.contains("view 2's for 256x192"),
+            said.starts_with("1 cams") && said.ends_with("--camera-size 124x95"),
             "{said}"
         );
+        let warnings = Warnings::default();
+        let context = Context {
+            warnings: &warnings,
+            ..context
+        };
+        let of = |views: &[View]| at_size(views, size, &context);
+        assert_eq!(of(&views), [Some(size), Some(size), None, None]);
+        let said = warnings.sorted();
+        let has = |parts: [&str; 2]| {
+            let mut said = said.iter().map(|warning| &warning.message);
+            said.any(|message| parts.iter().all(|part| message.contains(part)))
+        };
+        assert!(has(["2 of 4 views", "view 2's for 256x192"]), "{said:?}");
+        assert!(has(["1 cams", "--camera-size 140x96"]), "{said:?}");
     }
 
     const CAM: &str = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 19.6\n\

@@ -5,7 +5,7 @@ use super::meshes::{MeshOptions, read_mesh};
 use super::out::{check_no_input, check_run_file, replaced, write_run_file};
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
-use crate::generate::{Covisibility, PairOptions, count_behind, sparse_sources};
+use crate::generate::{Covisibility, PairOptions, count_behind, sparse_sources, too_far_apart};
 use crate::provenance::{Inputs, Run};
 use crate::render::{BackFaces, Renderer};
 use mvs_datasets::format::pair::{self, PairEntry};
@@ -73,22 +73,11 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     }
     check_out_file(&job.out, context.force)?;
     check_out_file(&run_file, context.force)?;
-    let (views, sources, run) = if job.mesh.is_empty() {
-        let model = read_model(job, context)?;
-        let run = run_of(job, &[])?;
-        let sources = sparse_sources(&model.views, (&model.points, &model.seen), &job.pairs)?;
-        (model.views, sources, run)
-    } else {
-        exact(job, context)?
+    let (views, sources, run) = match job.mesh.is_empty() {
+        true => sparse(job, context)?,
+        false => exact(job, context)?,
     };
     let outcome = outcome(&views, sources);
-    if outcome.views.is_empty() {
-        let problem = format!(
-            "expected at least two views that see the same surface, found none among {}",
-            views.len()
-        );
-        return Err(Error::invalid(job.cameras.display().to_string(), problem));
-    }
     if let Some(first) = outcome.alone.first() {
         let message = format!(
             "{} views are left out, the first is view {first}: they share no point with another one, or \
@@ -127,6 +116,17 @@ fn run_of(job: &PairsJob, meshes: &[PathBuf]) -> Result<Run> {
     check_no_input(&[&job.out, &run_file], read)?;
     check_run_file(&run_file, "pairs")?;
     Run::new("pairs", job, &Inputs::list(&inputs, &own)?)
+}
+
+/// Views with their sources by the points that they saw.
+fn sparse(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
+    let model = read_model(job, context)?;
+    let run = run_of(job, &[])?;
+    let sources = sparse_sources(&model.views, (&model.points, &model.seen), &job.pairs)?;
+    if sources.iter().all(Vec::is_empty) {
+        return Err(no_pair(job, model.views.len(), false, ("points", "")));
+    }
+    Ok((model.views, sources, run))
 }
 
 fn read_model(job: &PairsJob, context: &Context<'_>) -> Result<SparseModel> {
@@ -168,21 +168,34 @@ fn exact(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
     let sources = shared.sources(&views, job.pairs.sources);
     if sources.iter().all(Vec::is_empty) {
         let behind = count_behind(surface, &views, (&job.pairs, BackFaces::default()));
-        refuse_backs(job, (views.len(), behind))?;
+        let backs = format!(
+            "; {behind} of them see only the backs of triangles: turn the faces of the mesh if they are \
+             wound the other way"
+        );
+        let why = match behind {
+            0 => "; are mesh and cameras in the same frame, and poses world-to-camera?",
+            _ => &backs,
+        };
+        return Err(no_pair(
+            job,
+            views.len(),
+            shared.any_share(),
+            ("surface", why),
+        ));
     }
     Ok((views, sources, run))
 }
 
-/// An error where views see no surface because of `count` they are `behind` all of it.
-fn refuse_backs(job: &PairsJob, (count, behind): (usize, usize)) -> Result<()> {
-    if behind == 0 {
-        return Ok(());
-    }
-    let problem = format!(
-        "expected at least two views that see the same surface, found none among {count}; {behind} of \
-         them see only the backs of triangles: turn the faces of the mesh if they are wound the other way"
-    );
-    Err(Error::invalid(job.cameras.display().to_string(), problem))
+/// No two of `count` views are each other's sources, though some `share` what they see, or because none sees
+/// the same.
+fn no_pair(job: &PairsJob, count: usize, share: bool, (what, why): (&str, &str)) -> Error {
+    let problem = match share {
+        true => too_far_apart(count),
+        false => format!(
+            "expected at least two views that see the same {what}, found none among {count}{why}"
+        ),
+    };
+    Error::invalid(job.cameras.display().to_string(), problem)
 }
 
 fn outcome(views: &[View], sources: Vec<Vec<SourceScore>>) -> PairsOutcome {

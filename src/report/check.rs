@@ -1,6 +1,7 @@
 //! Recomputes what a published table derives: F-scores from precision and recall, averages from
 //! scenes. A number is a slip when no unrounded values that print as the table's could give it.
 
+use super::lines::{Lines, whole};
 use super::table::SUSPECT;
 use mvs_datasets::FormatError;
 use std::collections::BTreeMap;
@@ -93,11 +94,12 @@ impl Cell {
 /// over. Empty cells and dashes are missing, a † after a number too is. A number keeps its scale, so
 /// that fractions and percents are checked alike. A table of which nothing can be recomputed is refused.
 pub fn check(source: impl Read) -> Result<Checked, FormatError> {
+    let (bytes, comment) = (&whole(source)?, Some(b'#'));
+    let lines = Lines { bytes, comment };
     let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .from_reader(source);
-    let broken = |error: csv::Error| FormatError::new("table", error.to_string());
-    let header = reader.headers().map_err(broken)?.clone();
+        .comment(comment)
+        .from_reader(bytes.as_slice());
+    let header = reader.headers().map_err(lines.broken())?.clone();
     let place = |name: &str| {
         let found = header
             .iter()
@@ -116,8 +118,8 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     let columns: Vec<&str> = values.iter().map(|&column| &header[column]).collect();
     let mut boards: Vec<Board> = Vec::new();
     for row in reader.records() {
-        let row = row.map_err(broken)?;
-        let line = row.position().map_or(0, csv::Position::line);
+        let row = row.map_err(lines.broken())?;
+        let line = row.position().map_or(1, |position| lines.at(position));
         let at = |problem| FormatError::new(format!("line {line}"), problem);
         let before = (0..method).filter(|&column| column != metric);
         let named = before.filter_map(|column| row.get(column));
@@ -438,5 +440,11 @@ mod tests {
         assert_eq!(fails(bad), "line 2: expected a number, found x");
         assert!(fails("method,metric,A\nm,speed,1\n").contains("found speed"));
         assert!(fails("method,metric,A\nm,R,1\nm,recall,1\n").contains("line 3"));
+        let commented = "# of 2026\r\nmethod,metric,A\r\nm,R,1\r\n# twice\r\n\r\nm,recall,1\r\n";
+        assert!(
+            fails(commented).starts_with("line 6: expected one row"),
+            "{}",
+            fails(commented)
+        );
     }
 }

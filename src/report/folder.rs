@@ -1,5 +1,6 @@
 //! A dated folder of measurements: its record and CSV files → the README that people read.
 
+use super::lines::Lines;
 use super::table::MISSING;
 use crate::error::{Error, Result};
 use serde::Deserialize;
@@ -266,13 +267,16 @@ impl TableOf {
 impl Csv {
     /// Reads a CSV file with a header and at least one row.
     pub fn parse(bytes: &[u8]) -> Result<Self, mvs_datasets::FormatError> {
-        let broken = |error: csv::Error| mvs_datasets::FormatError::new("table", error.to_string());
+        let lines = Lines {
+            bytes,
+            comment: None,
+        };
         let mut reader = csv::Reader::from_reader(bytes);
         let texts = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect();
-        let header = texts(reader.headers().map_err(broken)?);
+        let header = texts(reader.headers().map_err(lines.broken())?);
         let rows = reader
             .records()
-            .map(|row| row.map(|row| texts(&row)).map_err(broken));
+            .map(|row| row.map(|row| texts(&row)).map_err(lines.broken()));
         let rows = rows.collect::<Result<Vec<Vec<String>>, _>>()?;
         if rows.is_empty() {
             let problem = "expected a header and rows, found no row";

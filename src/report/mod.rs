@@ -16,6 +16,7 @@ pub mod histogram_svg;
 pub mod html;
 pub mod leaderboard;
 mod leaderboard_tables;
+mod lines;
 pub mod record;
 pub mod table;
 pub mod table_csv;

@@ -1,6 +1,7 @@
 //! Records: one row per method, scene and threshold, as `results.csv` holds them.
 
 use super::check;
+use super::lines::{Lines, whole};
 use mvs_datasets::FormatError;
 use serde::{Deserialize, Serialize};
 use std::io::{Read, Write};
@@ -200,10 +201,25 @@ impl Record {
             ("f_ci_hi", self.f_ci_hi),
         ];
         let out_of_range = |value: f64| !(0.0..=1.0).contains(&value);
-        fractions.into_iter().find_map(|(name, value)| {
+        let outside = fractions.into_iter().find_map(|(name, value)| {
             let value = value.filter(|&value| out_of_range(value))?;
             Some(format!("{name}: expected 0 to 1, found {value}"))
-        })
+        });
+        outside.or_else(|| self.wrong_interval())
+    }
+
+    /// What is wrong with the F-score's interval, if anything. F itself may lie outside, as resampling is
+    /// not centred on it.
+    fn wrong_interval(&self) -> Option<String> {
+        match (self.f_ci_lo, self.f_ci_hi) {
+            (Some(low), Some(high)) if low > high => Some(format!(
+                "f_ci_hi: expected at least f_ci_lo, {low}, found {high}"
+            )),
+            (Some(_), None) | (None, Some(_)) => {
+                Some("f_ci_lo, f_ci_hi: expected both or neither, found one".to_owned())
+            }
+            _ => None,
+        }
     }
 }
 
@@ -226,15 +242,20 @@ pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
 /// between 0 and 1, every threshold above 0, and F follows from precision and recall as far as their
 /// digits go.
 pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
-    let mut reader = csv::Reader::from_reader(source);
-    let found = reader.headers().map_err(at_line(1))?.clone();
+    let bytes = &whole(source)?;
+    let lines = Lines {
+        bytes,
+        comment: None,
+    };
+    let mut reader = csv::Reader::from_reader(bytes.as_slice());
+    let found = reader.headers().map_err(lines.broken())?.clone();
     check_header(&found)?;
     let mut records = Vec::new();
-    for (index, row) in reader.records().enumerate() {
-        // The header is line 1.
-        let row = row.map_err(at_line(index as u64 + 2))?;
-        let line = row.position().map_or(index as u64 + 2, csv::Position::line);
-        let record: Record = row.deserialize(Some(&found)).map_err(in_cell(&row, line))?;
+    for row in reader.records() {
+        let row = row.map_err(lines.broken())?;
+        let line = row.position().map_or(1, |position| lines.at(position));
+        let record = row.deserialize(Some(&found));
+        let record: Record = record.map_err(|error| in_cell(&row, line, &error))?;
         if let Some(problem) = record.problem().or_else(|| wrong_f_score(&row)) {
             return Err(FormatError::new(format!("line {line}"), problem));
         }
@@ -257,43 +278,27 @@ fn wrong_f_score(row: &csv::StringRecord) -> Option<String> {
     ))
 }
 
-fn at_line(line: u64) -> impl FnOnce(csv::Error) -> FormatError {
-    move |error| {
-        let line = error.position().map_or(line, csv::Position::line);
-        let problem = match error.kind() {
-            csv::ErrorKind::UnequalLengths {
-                expected_len, len, ..
-            } => {
-                format!("expected {expected_len} cells, found {len}")
-            }
-            _ => error.to_string(),
-        };
-        FormatError::new(format!("line {line}"), problem)
-    }
-}
-
 /// What is wrong with the cell that the error is of.
-fn in_cell(row: &csv::StringRecord, line: u64) -> impl FnOnce(csv::Error) -> FormatError {
-    move |error| {
-        let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
-            return at_line(line)(error);
-        };
-        let field = err.field().and_then(|field| usize::try_from(field).ok());
-        let place = field.and_then(|field| Some((COLUMNS.get(field)?, row.get(field)?)));
-        let expected = match err.kind() {
-            csv::DeserializeErrorKind::ParseInt(_) => "a whole number from 0 up, digits alone",
-            csv::DeserializeErrorKind::ParseFloat(_) => "a number such as 0.25",
-            _ => "",
-        };
-        let problem = match place {
-            Some((column, cell)) if !expected.is_empty() => {
-                format!("{column}: expected {expected}, found {cell}")
-            }
-            Some((column, _)) => format!("{column}: {}", err.kind()),
-            None => err.kind().to_string(),
-        };
-        FormatError::new(format!("line {line}"), problem)
-    }
+fn in_cell(row: &csv::StringRecord, line: usize, error: &csv::Error) -> FormatError {
+    let place = format!("line {line}");
+    let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
+        return FormatError::new(place, error.to_string());
+    };
+    let field = err.field().and_then(|field| usize::try_from(field).ok());
+    let cell = field.and_then(|field| Some((COLUMNS.get(field)?, row.get(field)?)));
+    let expected = match err.kind() {
+        csv::DeserializeErrorKind::ParseInt(_) => "a whole number from 0 up, digits alone",
+        csv::DeserializeErrorKind::ParseFloat(_) => "a number such as 0.25",
+        _ => "",
+    };
+    let problem = match cell {
+        Some((column, cell)) if !expected.is_empty() => {
+            format!("{column}: expected {expected}, found {cell}")
+        }
+        Some((column, _)) => format!("{column}: {}", err.kind()),
+        None => err.kind().to_string(),
+    };
+    FormatError::new(place, problem)
 }
 
 fn check_header(found: &csv::StringRecord) -> Result<(), FormatError> {
@@ -447,8 +452,43 @@ mod tests {
             );
             assert!(found.contains(said), "{found}");
         }
+        let with_interval = |low: &str, high: &str| {
+            let row = Record {
+                f_ci_lo: Some(0.25),
+                f_ci_hi: Some(0.5),
+                ..record("a", "b", 0.5)
+            };
+            written(&[row]).replace(",0.25,0.5,", &format!(",{low},{high},"))
+        };
+        assert!(read(with_interval("0.5", "0.5").as_bytes()).is_ok());
+        assert_eq!(
+            fails(&with_interval("0.5", "0.25")),
+            "line 2: f_ci_hi: expected at least f_ci_lo, 0.5, found 0.25"
+        );
+        let one = "line 2: f_ci_lo, f_ci_hi: expected both or neither, found one";
+        assert_eq!(fails(&with_interval("0.5", "")), one);
         let short = format!("{good}1,tnt\n");
         assert_eq!(fails(&short), "line 3: expected 43 cells, found 2");
         assert!(fails("").contains("expected schema, found nothing"));
+    }
+
+    #[test]
+    fn lines_are_counted_as_editors_do() {
+        let rows = [record("a", "b", 0.5), record("c", "d", 0.5)];
+        let good = written(&rows).replace("quoted", "of\ntwo");
+        let bad = good.replace(",c,", ",c,x,").replace("\n1,", "\n\n1,");
+        // The header, an empty line, a row of two lines, an empty line.
+        for ends in ["\n", "\r\n"] {
+            let error = read(bad.replace('\n', ends).as_bytes()).unwrap_err();
+            assert_eq!(error.to_string(), "line 6: expected 43 cells, found 44");
+            let bad = good.replace("\n1,", "\n\n1,");
+            let at = bad.rfind("0.333").unwrap();
+            let bad = format!("{}third{}", &bad[..at], &bad[at + 18..]).replace('\n', ends);
+            let error = read(bad.as_bytes()).unwrap_err().to_string();
+            assert!(error.starts_with("line 6: precision: "), "{error}");
+        }
+        let broken: Vec<u8> = [good.as_bytes(), b"1,\xff\n"].concat();
+        let error = read(broken.as_slice()).unwrap_err().to_string();
+        assert_eq!(error, "line 6: expected 43 cells, found 2");
     }
 }

@@ -276,3 +276,53 @@ fn a_mesh_that_is_wound_the_other_way_is_named() {
         assert_eq!(named, code == 2, "{said}");
     }
 }
+
+/// Views that see the same from too far apart are not told that they see nothing in common.
+#[test]
+fn views_too_far_apart_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scene = SyntheticScene::new(SyntheticOptions {
+        views: 2,
+        width: 64,
+        height: 48,
+        ..SyntheticOptions::default()
+    })
+    .unwrap();
+    exports::write_colmap(&path("model"), scene.scene()).unwrap();
+    mesh_out::write_obj(&path("mesh.obj"), scene.mesh()).unwrap();
+    let (model, mesh, out) = (path("model"), path("mesh.obj"), path("pair.txt"));
+    let far = "from directions near each other, found none among 2";
+    let of_mesh = [
+        "pairs",
+        "--cameras",
+        text(&model),
+        "--mesh",
+        text(&mesh),
+        "--out",
+        text(&out),
+    ];
+    // Two images, each with a point of its own.
+    let sparse = path("sparse");
+    write(&sparse.join("cameras.txt"), "1 PINHOLE 40 30 40 40 20 15\n");
+    let of_points = ["pairs", "--cameras", text(&sparse), "--out", text(&out)];
+    let said_of = |arguments: &[&str]| {
+        let output = mvs_eval(arguments);
+        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+        assert!(!out.exists());
+        stderr(&output)
+    };
+    let said = said_of(&of_mesh);
+    assert!(said.contains(far), "{said}");
+    write(
+        &sparse.join("images.txt"),
+        "1 1 0 0 0 0 0 0 1 a.png\n1 2 1\n2 0 0 1 0 0 0 10 1 b.png\n1 2 2\n",
+    );
+    let points = "1 0 0 5 1 2 3 0.5 1 0\n2 0 0 5 1 2 3 0.5 2 0\n";
+    write(&sparse.join("points3D.txt"), points);
+    let said = said_of(&of_points);
+    assert!(
+        said.contains("see the same points, found none among 2"),
+        "{said}"
+    );
+}

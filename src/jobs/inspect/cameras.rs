@@ -7,8 +7,9 @@ use crate::error::Result;
 use crate::jobs::cameras::{INTEGER_CENTRES, are_half_pixel_off, of_images, with_sizes};
 use crate::jobs::fuse::find_image;
 use glam::DVec2;
+use mvs_datasets::format::pfm;
 use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
-use mvs_datasets::layout::files;
+use mvs_datasets::layout::{files, mvsnet};
 use mvs_datasets::scene::{Aabb, Distortion, Scene, View};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -62,15 +63,25 @@ fn inspect_cams(job: &InspectJob, mut read: ReadCameras) -> Answer {
     Ok((source_name(CameraSource::Cams), facts))
 }
 
-/// Each view's image in the folder of cams or beside it.
+/// Each view's depth map among the cams, or its image in their folder or beside it.
 fn images_of(job: &InspectJob, views: &[View]) -> Vec<Option<PathBuf>> {
     let beside = job.path.parent().unwrap_or(&job.path);
-    let find = |id: u32| find_image(&job.path, id).or_else(|| find_image(beside, id));
+    let find = |id: u32| {
+        let depth = job.path.join(mvsnet::file_name(id, ".pfm"));
+        let depth = Some(depth).filter(|path| path.is_file());
+        let image = || find_image(&job.path, id).or_else(|| find_image(beside, id));
+        depth.or_else(image)
+    };
     views.iter().map(|view| find(view.id)).collect()
 }
 
 fn size_of(image: Option<&Path>) -> Result<Option<Size>> {
-    let size = image.map(|path| files::read_with(path, mvs_datasets::format::image::read_size));
+    let size = image.map(
+        |path| match path.extension().is_some_and(|end| end == "pfm") {
+            true => files::read_with(path, pfm::read_size),
+            false => files::read_with(path, mvs_datasets::format::image::read_size),
+        },
+    );
     let size = size.transpose()?;
     Ok(size.map(|(width, height)| Size { width, height }))
 }

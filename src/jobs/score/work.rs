@@ -338,8 +338,16 @@ impl<'a> Work<'a> {
         for nth in 1..u64::from(self.job.seeds) {
             self.next(&format!("seed {nth}"))?;
             let options = self.options(self.job.profile, self.job.seed.wrapping_add(nth));
-            let evaluation = tnt::align(inputs, &options)?.evaluate()?;
-            f_scores.push(evaluation.score(inputs.tolerance).f_score());
+            match tnt::align(inputs, &options) {
+                Ok(aligned) => {
+                    let evaluation = aligned.evaluate()?;
+                    f_scores.push(evaluation.score(inputs.tolerance).f_score());
+                }
+                Err(error) => {
+                    let message = format!("seed {} gives no score: {error}", options.seed);
+                    self.warnings.add("seed-failed", message);
+                }
+            }
         }
         Ok(Some(Spread {
             min: f_scores.iter().copied().fold(f64::INFINITY, f64::min),

@@ -1,6 +1,8 @@
 //! `inspect` on what is not whole.
 
 use super::*;
+use mvs_datasets::format::pfm;
+use mvs_datasets::scene::Raster;
 
 /// A model of one camera and one image that saw points 1 and 2, with this `points3D.txt`.
 fn put_model(folder: &Path, points: &str) {
@@ -64,4 +66,26 @@ fn a_model_whose_points_cannot_be_read_is_shown_without_them() {
         text(&out),
     ];
     assert_refused(&generate, &["points3D.txt", "expected 7 points"]);
+}
+
+#[test]
+fn cams_beside_depth_maps_are_for_their_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let cams = folder.path().join("mvs_depth");
+    let cam = "extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n40 0 26\n0 40 17.5\n0 0 1\n\n1 0.1\n";
+    write(&cams.join("00000000_cam.txt"), cam);
+    let depth = Raster::from_values(53, 36, vec![2.0; 53 * 36]).unwrap();
+    let file = cams.join("00000000.pfm");
+    write_atomically(&file, |out| pfm::write_gray(out, &depth)).unwrap();
+    // Photographs of four times the size beside the folder.
+    halves(
+        &folder.path().join("images/00000000.png"),
+        (212, 144),
+        [[9; 3]; 2],
+    );
+    let output = mvs_eval(&["inspect", text(&cams)]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("53x36 px"), "{said}");
+    assert!(said.contains("--pixel-center integer"), "{said}");
+    assert!(!said.contains("do not go with"), "{said}");
 }
