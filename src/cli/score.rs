@@ -92,7 +92,8 @@ pub(crate) struct ScoreArgs {
     /// `centroids`
     #[arg(long, value_enum)]
     mesh_as: Option<MeshAsName>,
-    /// Confidence interval of F from this many resamples of blocks of space
+    /// Confidence interval of F from this many resamples of blocks of space, 16 along the longest side: too
+    /// narrow where errors hang together over more than a block
     #[arg(long, value_name = "N")]
     bootstrap: Option<u32>,
     /// tnt: spread of F over this many seeds

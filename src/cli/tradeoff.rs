@@ -11,7 +11,8 @@ use std::path::PathBuf;
 ///
 /// Runs a grid of settings and writes tradeoff.csv (CPU time, peak memory, result and difference
 /// from the exact setting, Pareto front marked), tradeoff.svg and tradeoff.md (a sentence per knob).
-/// A stage is measured where its inputs are given. Scoring thins queries only, never clouds. Run it
+/// A stage is measured where its inputs are given. Peak memory is the whole process's, with the inputs and
+/// what earlier settings left with it: a setting that needs less than that shows no less. Scoring thins queries only, never clouds. Run it
 /// on a quiet machine: times are measurements.
 ///
 /// Example: mvs-eval tradeoff --truth truth.ply --reconstruction cloud.ply --tau 0.01 --out tradeoff

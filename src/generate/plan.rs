@@ -120,8 +120,10 @@ mod tests {
     use crate::warning::Warnings;
     use glam::DVec3;
     use mvs_datasets::layout::blended::{BlendedFolder, is_scene_id};
+    use mvs_datasets::layout::files;
     use mvs_datasets::scene::{ColorImage, Raster};
     use mvs_datasets::synthetic::{SyntheticOptions, SyntheticScene};
+    use std::io::Write;
 
     fn mesh() -> Mesh {
         Mesh::new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]]).unwrap()
@@ -193,10 +195,15 @@ mod tests {
             env!("CARGO_MANIFEST_DIR"),
             "/tests/golden/generated_view.csv"
         );
+        if std::env::var_os("MVS_EVAL_UPDATE_GOLDENS").is_some() {
+            let path = std::path::Path::new(golden);
+            return files::write_atomically(path, |out| out.write_all(found.as_bytes())).unwrap();
+        }
         let golden = std::fs::read_to_string(golden).unwrap();
         assert_eq!(
             found, golden,
-            "other bytes than in tests/golden/generated_view.csv: change PROCEDURE and that file"
+            "other bytes than in tests/golden/generated_view.csv: change PROCEDURE, then write that file \
+             (CONTRIBUTING.md)"
         );
     }
 

@@ -38,7 +38,9 @@ type Tally = [usize; 4];
 
 /// The percentile interval of F over `resamples` draws, with replacement, of cubic blocks of space.
 /// Errors of neighbouring points go together, so points must not be drawn one by one (block
-/// bootstrap, Künsch, Annals of Statistics 1989). `None` without points or resamples.
+/// bootstrap, Künsch, Annals of Statistics 1989). Where errors hang together over as much as a block or more
+/// the interval is too narrow: measured, one of 95 % held the true F in 79 of 100 cases with errors that hang
+/// together over a block, in 46 over two. `None` without points or resamples.
 pub fn interval(
     evaluation: &Evaluation,
     tolerance: Tolerance,

@@ -9,15 +9,17 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 /// What has this name in the folder with real data (the folder itself for no name), or `None` with
-/// a line on stderr that says what is skipped.
+/// a line on stderr that says what is skipped. Where `MVS_EVAL_DATA` names that folder nothing is skipped:
+/// what it lacks is a failure.
 pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
     let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
-    let root = std::env::var_os("MVS_EVAL_DATA").map_or_else(beside, PathBuf::from);
-    let path = root.join(name);
+    let given = std::env::var_os("MVS_EVAL_DATA").map(PathBuf::from);
+    let path = given.clone().unwrap_or_else(beside).join(name);
     if path.exists() {
         return Some(path);
     }
     let path = path.display();
+    assert!(given.is_none(), "MVS_EVAL_DATA: {path} is not there");
     eprintln!("skipped: {path} is not there; MVS_EVAL_DATA can name the folder with real data");
     None
 }

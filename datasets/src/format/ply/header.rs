@@ -6,6 +6,9 @@ use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{DefaultElement, ElementDef, Encoding, PropertyType, ScalarType};
 use std::collections::BTreeSet;
 
+/// What is put behind a name that is there before.
+const AGAIN: &str = "_again";
+
 /// A header that has not ended by then is none.
 const MOST_BYTES: usize = 1 << 20;
 
@@ -50,6 +53,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, FormatError> {
     let lines = Lines::find(bytes)?;
     let mut cleaner = Cleaner::default();
     let clean: Vec<String> = lines.texts.iter().map(|line| cleaner.line(line)).collect();
+    if let Some(index) = clean.iter().position(|line| is_second(line)) {
+        let place = format!("header line {}", index + 1);
+        let problem = format!(
+            "expected one `{}`, found a second",
+            shown(&lines.texts[index])
+        );
+        return Err(FormatError::new(place, problem));
+    }
     let text = clean.join("\n") + "\n";
     let parser = Parser::<DefaultElement>::new();
     let header = parser
@@ -169,6 +180,14 @@ impl Cleaner {
     }
 }
 
+/// Whether a cleaned line begins vertices or faces a second time: rows of the second would be lost.
+fn is_second(line: &str) -> bool {
+    let mut words = line.split(' ');
+    let name = words.next().filter(|&word| word == "element");
+    let name = name.and_then(|_| words.next()?.strip_suffix(AGAIN));
+    name.is_some_and(|name| ["vertex", "face"].contains(&name))
+}
+
 /// Whether a line that begins so says nothing of the data.
 fn is_remark(word: &str) -> bool {
     let word = word.to_ascii_lowercase();
@@ -195,7 +214,7 @@ fn distinct(taken: &mut BTreeSet<String>, words: &[&str]) -> String {
         name.insert_str(0, "p_");
     }
     while !taken.insert(name.clone()) {
-        name.push_str("_again");
+        name.push_str(AGAIN);
     }
     name
 }
@@ -212,6 +231,27 @@ mod tests {
             .iter()
             .flat_map(|element| element.properties.keys().cloned())
             .collect()
+    }
+
+    #[test]
+    fn vertices_and_faces_are_there_once() {
+        let with =
+            |name: &str| PLAIN.replace("end_header", &format!("element {name} 3\nend_header"));
+        for (text, place) in [
+            (
+                with("Vertex"),
+                "header line 7: expected one `element Vertex 3`",
+            ),
+            (
+                with("face").replace("end_header", "element face 3\nend_header"),
+                "header line 8: expected one `element face 3`",
+            ),
+        ] {
+            let error = read(text.as_bytes()).unwrap_err().to_string();
+            assert_eq!(error, format!("{place}, found a second"));
+        }
+        let other = with("k").replace("end_header", "element k 3\nend_header");
+        assert_eq!(read(other.as_bytes()).unwrap().elements.len(), 3);
     }
 
     #[test]

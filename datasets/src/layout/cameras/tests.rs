@@ -136,8 +136,14 @@ fn what_every_frame_of_transforms_has_itself_is_not_taken_from_options() {
 #[test]
 fn the_real_scene_is_the_same_in_three_descriptions() {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
-    let data = std::env::var_os("MVS_EVAL_DATA").map_or_else(|| beside.into(), PathBuf::from);
+    let given = std::env::var_os("MVS_EVAL_DATA").map(PathBuf::from);
+    let data = given.clone().unwrap_or_else(|| beside.into());
     if !data.is_dir() {
+        assert!(
+            given.is_none(),
+            "MVS_EVAL_DATA: {} is not there",
+            data.display()
+        );
         eprintln!("skipped: no data at {} (set MVS_EVAL_DATA)", data.display());
         return;
     }
