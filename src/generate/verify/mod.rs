@@ -1,6 +1,7 @@
 //! Checks a scene of the BlendedMVS kind, ours or somebody else's: the rules of its readers, and
 //! whether images, depths and cameras say the same.
 
+mod as_written;
 mod carry;
 mod contradictions;
 mod encoded;
@@ -145,6 +146,7 @@ pub fn verify(
         return Err(Error::invalid("verify: --points", problem));
     }
     let mut findings = rules::check(folder)?;
+    findings.extend(as_written::check(folder));
     let mut verification = Verification {
         views: 0,
         findings: Vec::new(),

@@ -200,6 +200,57 @@ fn depths_are_checked_view_by_view() {
     assert!(verification.failed());
 }
 
+/// A change so small that nothing else shows it, and an extra that is gone.
+#[test]
+fn files_that_are_not_those_made_are_named() {
+    let spoilt = Spoilt::new();
+    std::fs::copy(sound().join("scene.json"), spoilt.path("scene.json")).unwrap();
+    let named = || {
+        let found = spoilt.verify().findings.into_iter();
+        let found = found.map(|finding| (finding.code, finding.place, finding.message));
+        found.collect::<Vec<_>>()
+    };
+    // The masks, which were not copied.
+    let gone = named();
+    assert_eq!(gone.len(), 1, "{gone:?}");
+    let (code, place, message) = &gone[0];
+    assert_eq!(
+        (code.as_str(), place.as_str()),
+        ("not-as-written", "masks/00000000.png")
+    );
+    assert!(
+        message.contains("of 14 of 70 (this is the first) found none"),
+        "{message}"
+    );
+    std::fs::create_dir(spoilt.path("masks")).unwrap();
+    for id in 0..14 {
+        let mask = format!("masks/{id:08}.png");
+        std::fs::copy(sound().join(&mask), spoilt.path(&mask)).unwrap();
+    }
+    assert_eq!(named(), []);
+    let depth = spoilt.blended().depth(7);
+    let mut bytes = std::fs::read(&depth).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    write(&depth, &bytes);
+    let other = named();
+    assert_eq!(other.len(), 1, "{other:?}");
+    assert!(other[0].1.ends_with("00000007.pfm"), "{other:?}");
+    assert!(
+        other[0]
+            .2
+            .contains("of 1 of 70 (this is the first) found other bytes"),
+        "{other:?}"
+    );
+    spoilt.edit("scene.json", |text| text[..text.len() / 2].to_owned());
+    let options = VerifyOptions {
+        pixel_centre: Some(PixelCentre::Half),
+        ..VerifyOptions::default()
+    };
+    let cut = verify(&spoilt.blended(), &options, &Silent).unwrap();
+    assert!(cut.found("unreadable"), "{:?}", cut.findings);
+}
+
 #[test]
 fn a_folder_without_its_parts_is_one_finding_each() {
     let empty = tempfile::tempdir().unwrap();

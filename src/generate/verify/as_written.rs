@@ -1,0 +1,51 @@
+//! Whether the files of views are those that `scene.json` says were made.
+
+use super::Finding;
+use crate::parallel;
+use crate::provenance;
+use mvs_datasets::layout::blended::{BlendedFolder, record};
+
+/// One fault for all files that are gone, and one for all with other bytes.
+pub(super) fn check(folder: &BlendedFolder) -> Vec<Finding> {
+    let record = match record::read(&folder.record()) {
+        Ok(Some(record)) => record,
+        Ok(None) => return Vec::new(),
+        Err(error) => {
+            let message = format!("{error}: nothing was compared with it");
+            return vec![Finding::fault("unreadable", "scene.json", message)];
+        }
+    };
+    let files = record.views.iter().flat_map(|view| &view.files);
+    let files: Vec<(&String, &String)> = files.collect();
+    let states = parallel::map(files.len(), |index| {
+        let (name, hash) = files[index];
+        provenance::hash_path(&folder.path().join(name)).map(|found| found == *hash)
+    });
+    let of = |is: fn(&crate::error::Result<bool>) -> bool| {
+        let files = files.iter().zip(&states);
+        let files = files.filter(move |(_, state)| is(state));
+        files.map(|((name, _), _)| name.as_str())
+    };
+    let gone = found(
+        of(|state| state.is_err()),
+        files.len(),
+        "found none: bring them back, or make the scene again",
+    );
+    let other = found(
+        of(|state| matches!(state, Ok(false))),
+        files.len(),
+        "found other bytes: they were damaged or changed; make the scene again, or take scene.json away \
+         where that was meant",
+    );
+    gone.into_iter().chain(other).collect()
+}
+
+/// A fault at the first of these files, if there is any.
+fn found<'a>(mut names: impl Iterator<Item = &'a str>, all: usize, found: &str) -> Option<Finding> {
+    let first = names.next()?;
+    let message = format!(
+        "expected the files that scene.json says were made, of {} of {all} (this is the first) {found}",
+        1 + names.count()
+    );
+    Some(Finding::fault("not-as-written", first, message))
+}
