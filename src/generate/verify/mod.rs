@@ -146,7 +146,6 @@ pub fn verify(
         return Err(Error::invalid("verify: --points", problem));
     }
     let mut findings = rules::check(folder)?;
-    findings.extend(as_written::check(folder));
     let mut verification = Verification {
         views: 0,
         findings: Vec::new(),
@@ -157,6 +156,7 @@ pub fn verify(
     match folder.read_scene(options.pixel_centre) {
         Ok(scene) => {
             verification.views = scene.views().len();
+            findings.extend(as_written::check(folder));
             findings.extend(twice::check(&scene));
             findings.extend(pictures::check_views(folder, &scene, progress)?);
             let checked = geometry::check(folder, &scene, options, progress)?;
@@ -170,6 +170,9 @@ pub fn verify(
                 "{error}; images, depths and their agreement were not checked: mend this first"
             );
             findings.push(Finding::fault("unreadable", place(folder, &error), message));
+            let of_record = |finding: &Finding| finding.code == "unreadable";
+            let compared = as_written::check(folder).into_iter();
+            findings.extend(compared.filter(|finding| !of_record(finding)));
         }
     }
     findings.sort();

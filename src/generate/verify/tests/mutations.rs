@@ -71,7 +71,7 @@ const CONVENTIONS: [Mutation; 10] = [
 ];
 
 /// Depths and images of single views, and pairs.
-const CONTENT: [Mutation; 29] = [
+const CONTENT: [Mutation; 31] = [
     ("not a number", |s| raw_depth(s, f32::NAN), "bad-depths"),
     ("negative", |s| raw_depth(s, -1.0), "bad-depths"),
     (
@@ -102,6 +102,16 @@ const CONTENT: [Mutation; 29] = [
         "missing-mask",
     ),
     ("black for the masked image", black_mask, "wrong-mask"),
+    (
+        "a masked image with a black square",
+        |s| painted(s, [0; 3]),
+        "masked-differs",
+    ),
+    (
+        "a masked image with a white square",
+        |s| painted(s, [255; 3]),
+        "masked-differs",
+    ),
     (
         "images to the right of the depths",
         moved_images,

@@ -132,6 +132,18 @@ pub(super) fn black_mask(spoilt: &Spoilt) {
     BlendedFolder::write_jpeg(&path, &black, JpegOptions::default()).unwrap();
 }
 
+/// A square of 12 pixels in the middle of a masked image, a twentieth of what it shows.
+pub(super) fn painted(spoilt: &Spoilt, color: [u8; 3]) {
+    let path = spoilt.blended().masked_image(4);
+    let masked = files::read_image(&path).unwrap();
+    let is_inside =
+        |index: usize| (58..70).contains(&(index % 128)) && (42..54).contains(&(index / 128));
+    let pixels = masked.values().iter().enumerate();
+    let pixels = pixels.map(|(index, &pixel)| if is_inside(index) { color } else { pixel });
+    let masked = ColorImage::from_values(128, 96, pixels.collect()).unwrap();
+    BlendedFolder::write_jpeg(&path, &masked, JpegOptions::default()).unwrap();
+}
+
 /// Images five views on.
 pub(super) fn other_images(spoilt: &Spoilt) {
     move_images(spoilt, 5);
