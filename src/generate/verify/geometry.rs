@@ -3,7 +3,7 @@
 use super::carry::{SAME_SURFACE, agrees, carry, grid};
 use super::reading::Reading;
 use super::{Finding, Severity, VerifyOptions, median, quarter};
-use super::{contradictions, images, listed, single};
+use super::{contradictions, images, listed, shifts, single};
 use crate::error::Result;
 use crate::parallel;
 use crate::progress::Progress;
@@ -48,6 +48,9 @@ pub struct PairCheck {
     /// Whether they correlate at least as well there as a little beside; none where `color_correlation`
     /// is none.
     pub color_peak: Option<bool>,
+    /// How far to the right and below, in pixels, the source's image shows what its camera says is there; none
+    /// where `color_correlation` is none, and where brightness varies too slowly to tell.
+    pub color_shift: Option<[f64; 2]>,
 }
 
 /// The outcome of all of these checks.
@@ -97,7 +100,12 @@ pub(super) fn check(
             let fitting = pairs
                 .iter()
                 .filter(|pair| fits(pair.reference) && fits(pair.source));
-            findings.extend(images::check(scene, &fitting.cloned().collect::<Vec<_>>()));
+            let fitting: Vec<PairCheck> = fitting.cloned().collect();
+            let of_images = images::check(scene, &fitting);
+            if of_images.is_empty() {
+                findings.extend(shifts::check(scene, &fitting));
+            }
+            findings.extend(of_images);
             let known = |id: &u32| {
                 of_views
                     .iter()
@@ -234,6 +242,7 @@ fn check_pair(reference: &Seen, points: &[(DVec2, f32)], source: &Seen) -> PairC
             .unwrap_or(0.0),
         color_correlation: images.and_then(|images| images::correlation(images, pixels())),
         color_peak: images.and_then(|images| images::is_peak(images, pixels())),
+        color_shift: images.and_then(|images| shifts::shift(images, pixels())),
     }
 }
 

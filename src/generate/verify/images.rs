@@ -176,6 +176,7 @@ mod tests {
             color_difference: 0.0,
             color_correlation: Some(correlated),
             color_peak: Some(color_peak),
+            color_shift: None,
         };
         let scene = Scene::new(Vec::new()).unwrap();
         let of = |peaks: usize| {

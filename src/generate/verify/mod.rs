@@ -12,6 +12,7 @@ mod pair_rules;
 mod pictures;
 mod reading;
 mod rules;
+mod shifts;
 mod single;
 mod twice;
 

@@ -71,7 +71,7 @@ const CONVENTIONS: [Mutation; 10] = [
 ];
 
 /// Depths and images of single views, and pairs.
-const CONTENT: [Mutation; 31] = [
+const CONTENT: [Mutation; 32] = [
     ("not a number", |s| raw_depth(s, f32::NAN), "bad-depths"),
     ("negative", |s| raw_depth(s, -1.0), "bad-depths"),
     (
@@ -102,6 +102,11 @@ const CONTENT: [Mutation; 31] = [
         "missing-mask",
     ),
     ("black for the masked image", black_mask, "wrong-mask"),
+    (
+        "one camera moved along the table",
+        along_the_table,
+        "image-beside",
+    ),
     (
         "a masked image with a black square",
         |s| painted(s, [0; 3]),
@@ -201,8 +206,8 @@ const CONTENT: [Mutation; 31] = [
     ),
 ];
 
-/// The advice that readers cut images is tested by itself.
-const ELSEWHERE: [&str; 1] = ["aspect"];
+/// The advice that readers cut images, and what scene.json says, are tested by themselves.
+const ELSEWHERE: [&str; 2] = ["aspect", "not-as-written"];
 
 fn assert_all_fire(mutations: &[Mutation], check: fn(&Spoilt) -> Vec<Finding>) {
     for (what, spoil, code) in mutations {
@@ -274,6 +279,19 @@ fn depths_that_are_wrong_on_a_part_are_their_view_s_fault() {
     }
 }
 
+/// A camera that is moved along the flat table: depths still agree.
+#[test]
+fn a_camera_moved_along_a_surface_is_named_with_the_way_back() {
+    let spoilt = Spoilt::new();
+    along_the_table(&spoilt);
+    let found = spoilt.verify();
+    for p in found.pairs.iter().filter(|p| p.source == 5) {}
+    let codes: Vec<(&str, &str)> = (found.findings.iter())
+        .map(|finding| (&finding.code[..], &finding.place[..]))
+        .collect();
+    assert_eq!(codes, [("image-beside", "view 5")]);
+}
+
 /// The view whose image is another's is named, and no other one.
 #[test]
 fn a_single_view_s_image_is_its_own_fault() {
@@ -342,6 +360,7 @@ fn any_list_does_for_a_compact_array_of_cameras() {
 #[test]
 fn every_code_has_its_mutation() {
     let sources = [
+        include_str!("../as_written.rs"),
         include_str!("../contradictions.rs"),
         include_str!("../encoded.rs"),
         include_str!("../geometry.rs"),
@@ -352,6 +371,7 @@ fn every_code_has_its_mutation() {
         include_str!("../pictures.rs"),
         include_str!("../reading.rs"),
         include_str!("../rules.rs"),
+        include_str!("../shifts.rs"),
         include_str!("../single.rs"),
         include_str!("../twice.rs"),
     ];

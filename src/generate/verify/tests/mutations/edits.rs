@@ -144,6 +144,14 @@ pub(super) fn painted(spoilt: &Spoilt, color: [u8; 3]) {
     BlendedFolder::write_jpeg(&path, &masked, JpegOptions::default()).unwrap();
 }
 
+/// One camera, by about two pixels.
+pub(super) fn along_the_table(spoilt: &Spoilt) {
+    edit_cam(spoilt, 5, |cam| {
+        let along = cam.extrinsic * DVec3::new(0.05, 0.0, 0.0).extend(0.0);
+        cam.extrinsic.w_axis -= along;
+    });
+}
+
 /// Images five views on.
 pub(super) fn other_images(spoilt: &Spoilt) {
     move_images(spoilt, 5);
