@@ -285,7 +285,6 @@ fn a_camera_moved_along_a_surface_is_named_with_the_way_back() {
     let spoilt = Spoilt::new();
     along_the_table(&spoilt);
     let found = spoilt.verify();
-    for p in found.pairs.iter().filter(|p| p.source == 5) {}
     let codes: Vec<(&str, &str)> = (found.findings.iter())
         .map(|finding| (&finding.code[..], &finding.place[..]))
         .collect();
