@@ -19,7 +19,7 @@ const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 /// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread, 16 bits
 /// become 8.
 pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
-    match jpeg::decode(bytes, most_pixels(bytes), Window::whole) {
+    match jpeg::decode(bytes, most_pixels(bytes), Window::whole)? {
         Some((_, image)) => Ok(image),
         None => read_other(bytes),
     }
@@ -31,7 +31,7 @@ pub fn read_color_part(
     bytes: &[u8],
     wanted: impl Fn((u32, u32)) -> Window,
 ) -> Result<((u32, u32), ColorImage), FormatError> {
-    if let Some(found) = jpeg::decode(bytes, most_pixels(bytes), &wanted) {
+    if let Some(found) = jpeg::decode(bytes, most_pixels(bytes), &wanted)? {
         return Ok(found);
     }
     let image = read_other(bytes)?;
@@ -146,10 +146,8 @@ fn pixels(bytes: &[u8]) -> Result<u64, FormatError> {
 fn decoder(bytes: &[u8], pixels: u64) -> Result<impl ImageDecoder, FormatError> {
     let format = format_of(bytes)?;
     // Crate image fills up what is missing; PNG's decoder says so itself.
-    if format == ImageFormat::Jpeg && !jpeg::has_end(bytes) {
-        let problem =
-            "expected a whole JPEG, found one that is cut short: its end marker is missing";
-        return Err(FormatError::new(format!("byte {}", bytes.len()), problem));
+    if format == ImageFormat::Jpeg {
+        jpeg::check_others(bytes)?;
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();

@@ -10,12 +10,14 @@ mod background;
 mod bits;
 mod color;
 mod decode;
+mod others;
 mod stripe;
 mod tables;
 mod transform;
 
 pub use background::stays_dark;
 pub(super) use decode::decode;
+pub(super) use others::check_others;
 
 use crate::scene::{ColorImage, Mask};
 use bits::{Bits, Codes, Codings};
@@ -23,28 +25,6 @@ use std::io::{Error, ErrorKind, Result};
 use std::ops::Range;
 use stripe::{Code, Pixels, Planes, Stripe, UNITS};
 use transform::Quantiser;
-
-/// Whether the end marker of a JPEG is there: one of its own, not of a thumbnail in a segment of it.
-pub(super) fn has_end(bytes: &[u8]) -> bool {
-    let mut at = 0;
-    loop {
-        at += bytes[at..].iter().take_while(|&&byte| byte != 0xff).count();
-        at += bytes[at..].iter().take_while(|&&byte| byte == 0xff).count();
-        let length = bytes.get(at + 1..at + 3);
-        match (bytes.get(at), length) {
-            (Some(0xd9), _) => return true,
-            // What stands alone: a coded 0xff, restarts, the start.
-            (Some(0x00 | 0x01 | 0xd0..=0xd8), _) => at += 1,
-            (Some(_), Some(&[high, low])) => {
-                at += 1 + usize::from(u16::from_be_bytes([high, low]));
-            }
-            _ => return false,
-        }
-        if at > bytes.len() {
-            return false;
-        }
-    }
-}
 
 /// How a JPEG is encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,13 +1,14 @@
 //! Reading the JPEGs that nearly all are: baseline, three components, one scan, chroma whole or halved.
 //!
-//! Pixels are those of the decoder that reads all others, to the bit; whatever is not plain and whole is
-//! left to it.
+//! Pixels are those of the decoder that reads all others, to the bit; whatever is not plain is left to it. Coded
+//! data that end early or hold what is no code are refused, which that one would fill up.
 
 mod bands;
 mod reader;
 
 use super::stripe::{Stripe, UNITS, blocks_a_side};
 use super::transform::Coefficients;
+use crate::error::FormatError;
 use crate::scene::{ColorImage, Raster, Window};
 use bands::{Band, Rows};
 use reader::{Bits, Table};
@@ -52,6 +53,10 @@ impl Wanted {
 }
 
 impl Frame {
+    fn pixels(&self) -> u64 {
+        (self.width * self.height) as u64
+    }
+
     /// Blocks of luma along a side of a unit.
     fn side(&self) -> usize {
         blocks_a_side(self.half_chroma)
@@ -70,29 +75,58 @@ impl Frame {
     }
 }
 
-/// Of an image, if it is a plain JPEG of at most `most` pixels and whole, its width and height, and the
-/// pixels in the window that `wanted` answers to them. Its other pixels are checked and not made.
+/// Why coded data are read no further.
+#[derive(Debug, PartialEq)]
+enum Stop {
+    /// They end early, or hold what is no code.
+    Broken,
+    /// The other decoder's sums do not overflow there.
+    Left,
+}
+
+/// Of an image, if it is a plain JPEG of at most `most` pixels, its width and height, and the pixels in the
+/// window that `wanted` answers to them. Its other pixels are checked and not made. An error where its coded
+/// data are not whole.
 pub(in crate::format) fn decode(
     bytes: &[u8],
     most: u64,
     wanted: impl FnOnce((u32, u32)) -> Window,
-) -> Option<((u32, u32), ColorImage)> {
-    let (frame, coded) = header(bytes)?;
-    let (width, height) = (frame.width, frame.height);
-    if (width * height) as u64 > most {
-        return None;
+) -> Result<Option<((u32, u32), ColorImage)>, FormatError> {
+    let plain = header(bytes).filter(|(frame, _)| frame.pixels() <= most);
+    let plain = plain.and_then(|(frame, coded)| Some((frame, reader::unstuffed(coded)?)));
+    let Some((frame, coded)) = plain else {
+        return Ok(None);
+    };
+    let size = (frame.width as u32, frame.height as u32);
+    let window = Some(wanted(size)).filter(|window| window.is_within(size));
+    let Some(window) = window else {
+        return Ok(None);
+    };
+    match pixels(&frame, &coded, &window) {
+        Ok(image) => Ok(Some((size, image))),
+        Err((Stop::Left, _)) => Ok(None),
+        Err((Stop::Broken, row)) => {
+            let problem = format!(
+                "expected a whole JPEG, found one whose coded data end early or are damaged at row {row} of {} \
+                 pixels, or before it: copy the file anew",
+                frame.height
+            );
+            Err(FormatError::new("image", problem))
+        }
     }
-    let coded = reader::unstuffed(coded)?;
-    let mut bits = Bits::of(&coded);
-    let size = (width as u32, height as u32);
-    let window = Some(wanted(size)).filter(|window| window.is_within(size))?;
-    let wanted = Wanted::new(&frame, &window);
-    let mut image = Raster::filled(window.size().0, window.size().1, [0; 3]).ok()?;
-    let rows = frame.units(height);
+}
+
+/// The pixels in the window, or why and at which row of pixels they end.
+fn pixels(frame: &Frame, coded: &[u8], window: &Window) -> Result<ColorImage, (Stop, usize)> {
+    let mut bits = Bits::of(coded);
+    let wanted = Wanted::new(frame, window);
+    let image = Raster::filled(window.size().0, window.size().1, [0; 3]);
+    let mut image = image.map_err(|_| (Stop::Left, 0))?;
+    let rows = frame.units(frame.height);
     let mut before = [0; 3];
     // The row of units before, the one that is put, and the one behind.
-    let mut bands = [(); 3].map(|()| Band::new(&frame));
-    let mut out = Rows::new(&frame, &wanted);
+    let mut bands = [(); 3].map(|()| Band::new(frame));
+    let mut out = Rows::new(frame, &wanted);
     let mut stripe = Stripe::new();
     for down in 0..rows {
         let [_, _, behind] = &mut bands;
@@ -101,14 +135,18 @@ pub(in crate::format) fn decode(
             false => 0..0,
         };
         let room = (&mut stripe, behind);
-        read_row((&frame, stripes), &mut bits, &mut before, room)?;
+        let read = read_row((frame, stripes), &mut bits, &mut before, room);
+        read.map_err(|stop| (stop, down * 8 * frame.side()))?;
         if down > 0 {
             out.put(&bands, (down - 1, rows), image.values_mut());
         }
         bands.rotate_left(1);
     }
     out.put(&bands, (rows - 1, rows), image.values_mut());
-    bits.is_within().then_some((size, image))
+    match bits.is_within() {
+        true => Ok(image),
+        false => Err((Stop::Broken, frame.height)),
+    }
 }
 
 /// Reads a row of units, by way of a stripe, into a band, which takes the `wanted` ones.
@@ -117,7 +155,7 @@ fn read_row(
     bits: &mut Bits<'_>,
     before: &mut [i16; 3],
     (stripe, band): (&mut Stripe, &mut Band),
-) -> Option<()> {
+) -> Result<(), Stop> {
     let (units, side) = (frame.units(frame.width), frame.side());
     for (along, first) in (0..units).step_by(UNITS).enumerate() {
         let blocks = stripe.luma.iter_mut().take(side * side);
@@ -128,20 +166,22 @@ fn read_row(
             for at in 0..side * side {
                 let block = side * unit + at % side;
                 let out = &mut stripe.luma[side * (at / side) + block / UNITS];
-                bits.block(&frame.tables[0], &mut before[0], (out, block % UNITS))?;
-                frame.can_be(0, before[0])?;
+                let read = bits.block(&frame.tables[0], &mut before[0], (out, block % UNITS));
+                read.ok_or(Stop::Broken)?;
+                frame.can_be(0, before[0]).ok_or(Stop::Left)?;
             }
             for (component, out) in stripe.chroma.iter_mut().enumerate() {
                 let (tables, before) = (&frame.tables[1 + component], &mut before[1 + component]);
-                bits.block(tables, before, (out, unit))?;
-                frame.can_be(1 + component, *before)?;
+                let read = bits.block(tables, before, (out, unit));
+                read.ok_or(Stop::Broken)?;
+                frame.can_be(1 + component, *before).ok_or(Stop::Left)?;
             }
         }
         if wanted.contains(&along) {
             band.take(frame, along, stripe);
         }
     }
-    Some(())
+    Ok(())
 }
 
 /// The next bytes.

@@ -11,7 +11,7 @@ fn obvious(bytes: &[u8]) -> Option<Vec<u8>> {
 }
 
 fn found(bytes: &[u8]) -> Option<Vec<u8>> {
-    let (_, image) = decode(bytes, u64::MAX, Window::whole)?;
+    let (_, image) = decode(bytes, u64::MAX, Window::whole).ok()??;
     Some(image.values().as_flattened().to_vec())
 }
 
@@ -53,7 +53,8 @@ fn parts_are_those_of_the_whole() {
         let image = picture((width, height), 6);
         for options in all_options(&[93]) {
             let bytes = oracle(&image, options);
-            let (_, whole) = decode(&bytes, u64::MAX, Window::whole).unwrap();
+            let whole = decode(&bytes, u64::MAX, Window::whole).unwrap();
+            let (_, whole) = whole.unwrap();
             let ranges = |length: u32, round: u32| {
                 let borders = [0, 1, 7, 8, 15, 16, 17, 31, 33, 127, 128, 255, 256, 259, 511];
                 let any = |seed| borders[random(round, seed) as usize % borders.len()] % length;
@@ -71,12 +72,13 @@ fn parts_are_those_of_the_whole() {
                     rows: ranges(height, round + 1000),
                 };
                 let part = decode(&bytes, u64::MAX, |_| window.clone()).unwrap();
+                let part = part.unwrap();
                 let expected = ((width, height), whole.cut(&window).unwrap());
                 assert!(part == expected, "{width}x{height} {window:?} {options:?}");
                 seen += 1;
             }
             let beyond = Window::whole((width + 1, height));
-            assert!(decode(&bytes, u64::MAX, |_| beyond).is_none());
+            assert!(decode(&bytes, u64::MAX, |_| beyond).unwrap().is_none());
         }
     }
     assert!(seen >= 300, "{seen}");
@@ -116,7 +118,8 @@ fn notes_are_skipped_and_what_is_not_plain_is_left_alone() {
     }
     let small = encoded((16, 100), |_| {});
     assert!(obvious(&small).is_some() && found(&small).is_none());
-    assert!(decode(&noted, 211 * 103 - 1, Window::whole).is_none());
+    let too_large = decode(&noted, 211 * 103 - 1, Window::whole);
+    assert!(too_large.unwrap().is_none());
     let mut png = Vec::new();
     crate::format::image::write_png(&mut png, &picture((40, 40), 0)).unwrap();
     assert!(found(&png).is_none() && found(&[]).is_none());
@@ -154,6 +157,55 @@ fn what_is_cut_short_is_refused_whatever_its_kind() {
         }
         bytes.extend(b"what a camera adds");
         assert!(read_color(&bytes).is_ok(), "{nth}");
+    }
+}
+
+/// The end of the coded data is gone, or their middle is no code: the other decoder fills that up.
+#[test]
+fn what_is_damaged_within_is_refused() {
+    let whole = encoded((211, 103), |_| {});
+    let scan = whole
+        .windows(2)
+        .position(|two| two == [0xff, 0xda])
+        .unwrap();
+    let half = scan + (whole.len() - scan) / 2;
+    let mut cut = whole[..half].to_vec();
+    cut.extend([0xff, 0xd9]);
+    let mut blank = whole.clone();
+    for ones in blank[half..half + 60].chunks_mut(2) {
+        ones.copy_from_slice(&[0xff, 0]);
+    }
+    for bytes in [cut, blank] {
+        assert!(obvious(&bytes).is_some());
+        let error = read_color(&bytes).unwrap_err().to_string();
+        assert!(error.contains("end early or are damaged at row"), "{error}");
+    }
+}
+
+#[test]
+fn scans_of_single_components_and_finer_chroma_are_refused() {
+    let several = encoded((211, 103), |encoder| {
+        encoder.set_optimized_huffman_tables(true);
+    });
+    let progressive = encoded((211, 103), |encoder| encoder.set_progressive(true));
+    let restarted = encoded((211, 103), |encoder| encoder.set_restart_interval(5));
+    assert!(read_color(&progressive).is_ok() && read_color(&restarted).is_ok());
+    let mut finer = encoded((211, 103), |encoder| {
+        encoder.set_sampling_factor(SamplingFactor::F_1_1);
+    });
+    let frame = finer
+        .windows(2)
+        .position(|two| two == [0xff, 0xc0])
+        .unwrap();
+    finer[frame + 14] = 0x22;
+    for (bytes, found) in [(several, "scans of their own"), (finer, "finer than")] {
+        for error in [
+            read_color(&bytes).unwrap_err(),
+            read_gray(&bytes).unwrap_err(),
+        ] {
+            let error = error.to_string();
+            assert!(error.contains(found), "{error}");
+        }
     }
 }
 
