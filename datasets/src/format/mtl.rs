@@ -74,7 +74,8 @@ fn read_color(line: &[u8], number: usize) -> Result<Option<[u8; 3]>, FormatError
     }
     // What comes after three numbers is passed over.
     let words_of_color = words.iter().take_while(|word| !word.starts_with('#'));
-    let values = words_of_color.take(3).map(|word| word.parse().ok());
+    let finite = |word: &String| word.parse().ok().filter(|value: &f64| value.is_finite());
+    let values = words_of_color.take(3).map(finite);
     let values: Option<Vec<f64>> = values.collect();
     let [r, g, b] = match values.as_deref() {
         Some(&[grey]) => [grey; 3],
@@ -101,7 +102,8 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
     let mut rest = text.trim();
     while let Some(option) = rest.strip_prefix('-') {
         let (name, after) = option.split_once(char::is_whitespace)?;
-        let most = match name {
+        let name = name.to_ascii_lowercase();
+        let most = match name.as_str() {
             "o" | "s" | "t" => 3,
             "mm" => 2,
             "blendu" | "blendv" | "boost" | "cc" | "clamp" | "texres" | "bm" | "imfchan"
@@ -113,7 +115,7 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
             texture.clamped = value.is_some_and(|value| value.eq_ignore_ascii_case("on"));
         }
         let (values, after) = arguments(after, most);
-        let target = match name {
+        let target = match name.as_str() {
             "s" => Some(&mut texture.scale),
             "o" => Some(&mut texture.offset),
             _ => None,
@@ -135,8 +137,8 @@ fn arguments(text: &str, most: usize) -> (Vec<f32>, &str) {
     let mut rest = text.trim_start();
     for _ in 0..most {
         let (word, after) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
-        match word.parse() {
-            Ok(value) if !after.is_empty() => values.push(value),
+        match word.parse::<f32>() {
+            Ok(value) if value.is_finite() && !after.is_empty() => values.push(value),
             _ if most == 1 && !after.is_empty() => {}
             _ => break,
         }
@@ -211,6 +213,18 @@ mod tests {
                 Vec2::ZERO,
             ),
             (
+                "map_Kd -Clamp off -S 2 nan.jpg",
+                "nan.jpg",
+                Vec2::new(2.0, 1.0),
+                Vec2::ZERO,
+            ),
+            (
+                "map_Kd -o nan 1 d.jpg",
+                "nan 1 d.jpg",
+                Vec2::ONE,
+                Vec2::ZERO,
+            ),
+            (
                 "map_Kd -odd name.jpg",
                 "-odd name.jpg",
                 Vec2::ONE,
@@ -242,6 +256,8 @@ mod tests {
         assert!(error.contains("line 3") && error.contains("red"), "{error}");
         let error = read_mtl(b"newmtl m\nKd 0.9 oops 0.1 0.2").unwrap_err();
         assert!(error.to_string().contains("oops"), "{error}");
+        let error = read_mtl(b"newmtl m\nKd nan 0 1").unwrap_err();
+        assert!(error.to_string().contains("nan 0 1"), "{error}");
         assert!(only("newmtl m\nKd 0.9 0.1 0.2 more").color.is_some());
         assert!(only("newmtl m\nKd 0.9 # grey").color.is_some());
         assert_eq!(only("newmtl m\nKd spectral file.rfl").color, None);

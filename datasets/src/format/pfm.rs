@@ -237,6 +237,10 @@ fn read_header(bytes: &[u8]) -> Result<(Header, &[u8]), FormatError> {
         height,
         big_endian: scale > 0.0,
     };
+    // Blanks behind the scale, if a line ends after them, and one line's end.
+    let blanks = rest.iter().take_while(|&&byte| byte == b' ').count();
+    let ends = |at: usize| matches!(rest.get(at), Some(b'\r' | b'\n'));
+    let rest = if ends(blanks) { &rest[blanks..] } else { rest };
     let body = rest
         .strip_prefix(b"\r\n")
         .unwrap_or(rest.get(1..).unwrap_or_default());
@@ -516,6 +520,23 @@ mod tests {
         ] {
             let error = read(bytes).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn blanks_behind_the_scale_are_no_values() {
+        for (head, value) in [
+            ("-1 \n", *b" \n\0\0"),
+            ("-1  \r\n", [1; 4]),
+            ("-1 ", [b' ', 1, 2, 3]),
+        ] {
+            let bytes = [format!("Pf\n1 1\n{head}").as_bytes(), &value].concat();
+            let raster = read_gray(&bytes).unwrap();
+            assert_eq!(
+                raster.values()[0].to_bits(),
+                u32::from_le_bytes(value),
+                "{head:?}"
+            );
         }
     }
 

@@ -135,7 +135,7 @@ impl Library {
             ..Material::default()
         });
         let mut placement = Placement::IDENTITY;
-        let Some((stated, library)) = known.get(&used.name) else {
+        let Some((stated, library)) = stated_of(known, &used.name) else {
             if !used.name.is_empty() && !known.is_empty() {
                 self.note(
                     mesh,
@@ -209,7 +209,8 @@ impl Library {
 
     /// The texture `name`, looked for beside each of the files `beside`.
     fn texture_of(&mut self, beside: &[&Path], name: &str, used: Use) -> Option<usize> {
-        let Some(path) = find(beside, name) else {
+        let found = find(beside, name).or_else(|| find(beside, before_comment(name)?));
+        let Some(path) = found else {
             let from = beside.first().copied().unwrap_or(Path::new(""));
             self.note(
                 from,
@@ -221,6 +222,23 @@ impl Library {
         let path = path.canonicalize().unwrap_or(path);
         Some(self.textures.add(path, None, used))
     }
+}
+
+/// What stands before a comment behind a name: ` # ` is seldom part of one.
+fn before_comment(name: &str) -> Option<&str> {
+    name.split_once(" # ").map(|(before, _)| before.trim_end())
+}
+
+/// The material of that name, with a comment behind it in either file or not.
+fn stated_of<'a>(known: &'a KnownMaterials, name: &str) -> Option<&'a (MtlMaterial, PathBuf)> {
+    let bare = before_comment(name).unwrap_or(name);
+    let with_comment = || {
+        let mut all = known.iter();
+        let found = all.find(|(stated, _)| before_comment(stated) == Some(bare));
+        found.map(|(_, material)| material)
+    };
+    let exact = known.get(name).or_else(|| known.get(bare));
+    exact.or_else(with_comment)
 }
 
 /// The files that the text after one `mtllib` means: one, if there is a file of that name with all
@@ -354,6 +372,34 @@ mod tests {
         assert!(find(&[&folder.path().join("images/x.mtl"), &mesh], "b.jpg").is_some());
         assert_eq!(find(&[&mesh], "c.jpg"), None);
         assert_eq!(find(&[&mesh], ""), None);
+    }
+
+    /// `Material #25` is a name.
+    #[test]
+    fn comments_behind_names_are_passed_over() {
+        let known = |names: &[&str]| -> KnownMaterials {
+            let material = |name: &&str| MtlMaterial {
+                name: (*name).to_owned(),
+                color: None,
+                texture: None,
+                mask: None,
+            };
+            let entry = |name: &&str| ((*name).to_owned(), (material(name), PathBuf::new()));
+            names.iter().map(entry).collect()
+        };
+        let all = known(&["red", "blue # sea", "a # b", "Material #25"]);
+        let of = |name: &str| stated_of(&all, name).map(|(material, _)| material.name.as_str());
+        for (name, found) in [
+            ("red # c", Some("red")),
+            ("blue", Some("blue # sea")),
+            ("blue # sky", Some("blue # sea")),
+            ("a # b", Some("a # b")),
+            ("Material #25", Some("Material #25")),
+            ("Material #26", None),
+            ("Material", None),
+        ] {
+            assert_eq!(of(name), found, "{name}");
+        }
     }
 
     #[test]

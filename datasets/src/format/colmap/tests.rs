@@ -171,6 +171,8 @@ fn images_without_features_keep_their_pairs_of_lines() {
     let images = read_images_text(text).unwrap();
     assert_eq!((images[0].points.len(), images[1].points[0]), (0, 3));
     assert_eq!(images[1].name, "b c.jpg");
+    let blanks = "1 1 0 0 0 0 0 0 1 a  b\tc.jpg \n\n";
+    assert_eq!(read_images_text(blanks).unwrap()[0].name, "a  b\tc.jpg");
 }
 
 #[test]

@@ -7,14 +7,14 @@ use glam::DVec3;
 
 /// The fields of one line, taken one after another.
 struct Fields<'a> {
-    words: std::str::SplitWhitespace<'a>,
+    rest: &'a str,
     line: usize,
 }
 
 impl<'a> Fields<'a> {
     fn new(index: usize, text: &'a str) -> Self {
         Self {
-            words: text.split_whitespace(),
+            rest: text,
             line: index + 1,
         }
     }
@@ -24,9 +24,17 @@ impl<'a> Fields<'a> {
         FormatError::new(format!("line {}", self.line), problem)
     }
 
+    fn next(&mut self) -> Option<&'a str> {
+        let text = self.rest.trim_start();
+        let end = text.find(char::is_whitespace).unwrap_or(text.len());
+        let (word, rest) = text.split_at(end);
+        self.rest = rest;
+        (!word.is_empty()).then_some(word)
+    }
+
     fn word(&mut self, expected: &str) -> Result<&'a str, FormatError> {
-        let word = self.words.next();
-        word.ok_or_else(|| self.wrong(expected, "the line's end"))
+        self.next()
+            .ok_or_else(|| self.wrong(expected, "the line's end"))
     }
 
     fn whole<T: std::str::FromStr>(&mut self, expected: &str) -> Result<T, FormatError> {
@@ -80,7 +88,7 @@ fn read_camera(mut fields: Fields<'_>) -> Result<ColmapCamera, FormatError> {
     let params = (0..count)
         .map(|_| fields.number(&expected))
         .collect::<Result<Vec<_>, _>>()?;
-    if let Some(word) = fields.words.next() {
+    if let Some(word) = fields.next() {
         return Err(fields.wrong(
             &format!("only {expected}"),
             &format!("`{}` too", shown(word)),
@@ -143,7 +151,8 @@ fn read_image(mut fields: Fields<'_>) -> Result<ColmapImage, FormatError> {
     let rotation = fields.numbers::<4>("a quaternion QW QX QY QZ")?;
     let translation = fields.numbers::<3>("a translation TX TY TZ")?;
     let camera = fields.whole("a camera id")?;
-    let name: Vec<&str> = fields.words.by_ref().collect();
+    // It may hold blanks, of any kind and number.
+    let name = fields.rest.trim();
     if name.is_empty() {
         return Err(fields.wrong("an image name", "the line's end"));
     }
@@ -152,7 +161,7 @@ fn read_image(mut fields: Fields<'_>) -> Result<ColmapImage, FormatError> {
         rotation,
         translation: DVec3::from_array(translation),
         camera,
-        name: name.join(" "),
+        name: name.to_owned(),
         points: Vec::new(),
     })
 }
@@ -160,7 +169,7 @@ fn read_image(mut fields: Fields<'_>) -> Result<ColmapImage, FormatError> {
 /// The points that an image sees; −1 marks a feature without one.
 fn read_observations(mut fields: Fields<'_>) -> Result<Vec<u64>, FormatError> {
     let mut points = Vec::new();
-    while let Some(_x) = fields.words.next() {
+    while let Some(_x) = fields.next() {
         fields.number("Y of a feature X Y POINT3D_ID")?;
         let id: i64 = fields.whole("POINT3D_ID of a feature X Y POINT3D_ID")?;
         points.extend(u64::try_from(id));

@@ -29,7 +29,14 @@ pub(super) fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), FormatError
     }
     let (mut json, mut binary) = (None, None);
     let mut at = 12;
-    while at < bytes.len() {
+    // What follows the length that the file states is none of it.
+    let stated = word(8).map_or(bytes.len(), |stated| stated as usize);
+    let end = if (13..bytes.len()).contains(&stated) {
+        stated
+    } else {
+        bytes.len()
+    };
+    while at < end {
         let (length, kind) = word(at).zip(word(at + 4)).ok_or_else(|| cut(at))?;
         let content = bytes
             .get(at + 8..)

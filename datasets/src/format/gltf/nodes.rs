@@ -3,7 +3,7 @@
 use super::wire::{Node, Root};
 use crate::error::FormatError;
 use glam::{DMat4, DQuat, DVec3};
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 /// Vertices and corners of triangles that the instances of a file's meshes may add up to, where the meshes
 /// themselves have fewer.
@@ -59,33 +59,25 @@ pub(super) fn check_instances(
             .get(accessor)
             .map_or(0, |accessor| accessor.count)
     };
-    let size = |mesh: usize| {
-        let primitives = root
-            .meshes
-            .get(mesh)
-            .into_iter()
-            .flat_map(|mesh| &mesh.primitives);
-        let accessors = primitives.flat_map(|p| {
-            p.attributes
-                .get("POSITION")
-                .copied()
-                .into_iter()
-                .chain(p.indices)
-        });
-        accessors.map(count).fold(0, usize::saturating_add)
+    let accessors = |mesh: usize| {
+        let meshes = root.meshes.get(mesh).into_iter();
+        let primitives = meshes.flat_map(|mesh| &mesh.primitives);
+        primitives.flat_map(|p| {
+            let positions = p.attributes.get("POSITION").copied();
+            positions.into_iter().chain(p.indices)
+        })
     };
+    let sum = |of: &mut dyn Iterator<Item = usize>| of.fold(0, usize::saturating_add);
     let meshes = nodes.iter().filter_map(|&(node, _)| root.nodes[node].mesh);
-    let distinct: BTreeMap<usize, usize> = meshes.clone().map(|mesh| (mesh, size(mesh))).collect();
-    let once = distinct.values().copied().fold(0, usize::saturating_add);
-    let placed = meshes
-        .map(|mesh| distinct[&mesh])
-        .fold(0, usize::saturating_add);
+    let distinct: BTreeSet<usize> = meshes.clone().flat_map(accessors).collect();
+    let once = sum(&mut distinct.into_iter().map(count));
+    let placed = sum(&mut meshes.flat_map(accessors).map(count));
     if placed <= once.max(most) {
         return Ok(());
     }
     let problem = format!(
-        "expected instances of meshes with at most {most} vertices and corners in all, found {placed} of meshes that \
-         have {once}: export the scene in parts"
+        "expected at most {most} vertices and corners in all instances of meshes, found {placed} where the file has \
+         {once}: export the scene in parts"
     );
     Err(FormatError::new("nodes", problem))
 }

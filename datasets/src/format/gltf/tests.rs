@@ -189,6 +189,11 @@ fn what_cannot_be_read_gets_one_sentence() {
     for length in [0, 3, 7, 19, 300, whole.len() - 1] {
         assert!(read_gltf(&whole[..length], &none).is_err(), "{length}");
     }
+    // What comes after the stated length is no chunk.
+    let mut stated = whole.clone();
+    stated[8..12].copy_from_slice(&(whole.len() as u32).to_le_bytes());
+    stated.extend([0; 5]);
+    assert_eq!(read_gltf(&stated, &none).unwrap().triangles.len(), 2);
 }
 
 #[test]
@@ -226,7 +231,14 @@ fn instances_are_bounded_unless_the_file_itself_is_as_large() {
     assert!(check(&three, 30).is_ok() && check(SQUARE, 1).is_ok());
     let error = check(&three, 29).unwrap_err().to_string();
     assert!(
-        error.contains("at most 29") && error.contains("found 30 of meshes that have 10"),
+        error.contains("at most 29") && error.contains("found 30 where the file has 10"),
         "{error}"
     );
+    // Primitives that share what they are made of are instances too.
+    let primitive = SQUARE.find("\"primitives\": [").unwrap() + "\"primitives\": [".len();
+    let end = primitive + SQUARE[primitive..].find("}]").unwrap() + 1;
+    let shared = format!("{}, {}", &SQUARE[primitive..end], &SQUARE[primitive..end]);
+    let shared = format!("{}{shared}{}", &SQUARE[..primitive], &SQUARE[end..]);
+    assert_eq!(read(&shared).unwrap().triangles.len(), 4);
+    assert!(check(&shared, 20).is_ok() && check(&shared, 19).is_err());
 }

@@ -102,7 +102,8 @@ impl Assembly {
                 .flatten()
                 .flatten()
                 .fold(0.0f64, |m, &c| m.max(c));
-            let unit = if largest > 1.0 { 255.0 } else { 1.0 };
+            // A little above 1 is white by rounding, and no fraction of 255.
+            let unit = if largest > 2.0 { 255.0 } else { 1.0 };
             let byte = |color: Option<[f64; 3]>| {
                 color.map(|channels| channels.map(|value| byte_of_fraction(value / unit)))
             };

@@ -87,6 +87,11 @@ fn vertices_may_have_weights_and_colours() {
         read("v 1 2 3 255 128 0").vertex_colors.unwrap(),
         [Some([255, 128, 0])]
     );
+    // By rounding a little above white.
+    assert_eq!(
+        read("v 1 2 3 0.5 0.5 1.000001").vertex_colors.unwrap(),
+        [Some([128, 128, 255])]
+    );
     // Seven numbers end in an opacity.
     assert_eq!(
         read("v 1 2 3 1 0 0 1\nv 1 2 3 0 0.5 1 0")

@@ -9,13 +9,18 @@ use glam::{DVec3, Vec2};
 use ply_rs_bw::ply::ElementDef;
 use std::ops::Range;
 
+/// Texture coordinates of a face that lists none.
+pub(super) const NO_COORDS: Corner = [Vec2::NAN; 3];
+/// The number of no texture.
+pub(super) const NO_NUMBER: u32 = u32::MAX;
+
 /// Triangles and what each says about its texture.
 #[derive(Debug, Default)]
 pub(super) struct Faces {
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Per triangle, if the faces have texture coordinates.
+    /// Per triangle, if the faces have texture coordinates; [`NO_COORDS`] of those without.
     pub(super) texture_coords: Option<Vec<Corner>>,
-    /// Per triangle, if the faces have texture numbers.
+    /// Per triangle, if the faces have texture numbers; [`NO_NUMBER`] of those below 0.
     pub(super) texture_numbers: Option<Vec<u32>>,
     /// The triangles of each face of more than three corners: a fan from its first.
     fans: Vec<Range<usize>>,
@@ -40,6 +45,32 @@ impl Faces {
                 }
             }
         }
+    }
+}
+
+impl Faces {
+    /// Texture coordinates of all triangles, a face's own, else those of its vertices, and the triangles that have
+    /// neither.
+    pub(super) fn coords(
+        &mut self,
+        of_vertices: Option<&[Vec2]>,
+    ) -> (Option<Vec<Corner>>, Vec<usize>) {
+        let at = |all: &[Vec2], triangle: &[u32; 3]| triangle.map(|vertex| all[vertex as usize]);
+        let Some(mut coords) = self.texture_coords.take() else {
+            let all = of_vertices.map(|all| self.triangles.iter().map(|t| at(all, t)).collect());
+            return (all, Vec::new());
+        };
+        let mut without = Vec::new();
+        for (index, corner) in coords.iter_mut().enumerate() {
+            if !corner.iter().any(|coord| coord.x.is_nan()) {
+                continue;
+            }
+            *corner = of_vertices.map_or([Vec2::ZERO; 3], |all| at(all, &self.triangles[index]));
+            if of_vertices.is_none() {
+                without.push(index);
+            }
+        }
+        (Some(coords), without)
     }
 }
 
@@ -131,12 +162,16 @@ fn add_face(
         }
         let at = |corner: usize| match coords.get(2 * corner..2 * corner + 2) {
             Some(&[u, v]) => Vec2::new(u as f32, v as f32),
-            _ => Vec2::ZERO,
+            _ => NO_COORDS[0],
         };
         all.extend(fan.clone().map(|k| [at(0), at(k), at(k + 1)]));
     }
     if let (Some(all), Some(texnumber)) = (&mut faces.texture_numbers, layout.texnumber) {
-        let number = row.scalars[texnumber] as u32; // −1 for none saturates to the first
+        let number = row.scalars[texnumber];
+        let number = match number >= 0.0 {
+            true => number as u32,
+            false => NO_NUMBER,
+        };
         all.extend(fan.map(|_| number));
     }
     Ok(())

@@ -42,8 +42,11 @@ pub struct ScalarColumn<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlyMesh {
     /// Polygons are cut into triangles; concave ones properly. There is one material per texture file, in order and
-    /// of its name; its texture itself is for the caller to read.
+    /// of its name; its texture itself is for the caller to read. A last one without a texture is that of
+    /// triangles that have none, where there are such.
     pub mesh: Mesh,
+    /// Triangles of that last material: their texture number is below 0, or they have no texture coordinates.
+    pub untextured: usize,
     /// From `comment TextureFile` (in any case), in order.
     pub texture_files: Vec<String>,
     /// Whether faces have colours (red green blue), which are not read.
@@ -94,8 +97,8 @@ fn table_of_cloud(bytes: &[u8]) -> Result<Table<'_>, FormatError> {
     Ok(table)
 }
 
-/// Reads vertices and faces of a PLY, in whatever order. Texture coordinates are those of the faces (`texcoord`), else
-/// of the vertices (s t, u v, texture_u texture_v or texture_s texture_t). A file without faces is an error.
+/// Reads vertices and faces of a PLY, in whatever order. Texture coordinates are those of the face (`texcoord`), else
+/// of its vertices (s t, u v, texture_u texture_v or texture_s texture_t). A file without faces is an error.
 pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(bytes, &header);
@@ -119,9 +122,11 @@ pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
     }
     let texture_files = texture_files(&header);
     let colored = |face: &ElementDef| face.properties.contains_key("red");
+    let (mesh, untextured) = mesh_of(&table, faces, &texture_files)?;
     Ok(PlyMesh {
         face_colors: header.element("face").is_some_and(colored),
-        mesh: mesh_of(&table, faces, &texture_files)?,
+        mesh,
+        untextured,
         texture_files,
     })
 }
@@ -157,22 +162,16 @@ fn texture_files(header: &Header) -> Vec<String> {
     names.map(|name| name.trim().to_owned()).collect()
 }
 
+/// The mesh, and how many of its triangles have no texture where others have one.
 fn mesh_of(
     table: &table::Table<'_>,
     mut faces: Faces,
     texture_files: &[String],
-) -> Result<Mesh, FormatError> {
+) -> Result<(Mesh, usize), FormatError> {
     let wrong = || FormatError::at("elements vertex and face");
     let positions = vertices::positions(table)?;
     faces.cut(&positions);
-    let per_vertex = vertices::texture_coords(table);
-    let coords = faces.texture_coords.or_else(|| {
-        let of = |vertex: u32| per_vertex.as_ref().map(|all| all[vertex as usize]);
-        let corners = faces.triangles.iter();
-        corners
-            .map(|&[a, b, c]| Some([of(a)?, of(b)?, of(c)?]))
-            .collect()
-    });
+    let (coords, without) = faces.coords(vertices::texture_coords(table).as_deref());
     let mut mesh = Mesh::new(positions, faces.triangles).map_err(wrong())?;
     if let Some(coords) = coords {
         mesh = mesh.with_texture_coords(coords).map_err(wrong())?;
@@ -181,14 +180,32 @@ fn mesh_of(
         mesh = mesh.with_vertex_colors(colors).map_err(wrong())?;
     }
     if texture_files.is_empty() {
-        return Ok(mesh);
+        return Ok((mesh, 0));
     }
-    let materials = texture_files.iter().map(|name| Material {
-        name: name.clone(),
-        ..Material::default()
-    });
-    mesh.with_materials(materials.collect(), faces.texture_numbers)
-        .map_err(wrong())
+    let mut materials: Vec<Material> = (texture_files.iter())
+        .map(|name| Material {
+            name: name.clone(),
+            ..Material::default()
+        })
+        .collect();
+    let last = materials.len() as u32;
+    let mut numbers = faces.texture_numbers;
+    if !without.is_empty() {
+        let numbers = numbers.get_or_insert_with(|| vec![0; mesh.triangles().len()]);
+        without
+            .iter()
+            .for_each(|&triangle| numbers[triangle] = last);
+    }
+    let is_none = |number: &&mut u32| **number == faces::NO_NUMBER;
+    let none = numbers.iter_mut().flatten().filter(is_none);
+    none.for_each(|number| *number = last);
+    let untextured = numbers.iter().flatten().filter(|&&number| number == last);
+    let untextured = untextured.count();
+    if untextured > 0 {
+        materials.push(Material::default());
+    }
+    let mesh = mesh.with_materials(materials, numbers).map_err(wrong())?;
+    Ok((mesh, untextured))
 }
 
 /// Writes a cloud with the columns it has, and `scalars` after them. Scalars of another length or

@@ -188,6 +188,7 @@ fn obj_part(path: &Path, file: ObjFile, library: &mut Library) -> Result<Part> {
 fn ply_part(path: &Path, file: PlyMesh, library: &mut Library) -> Result<Part> {
     let PlyMesh {
         mesh,
+        untextured,
         texture_files,
         face_colors,
     } = file;
@@ -205,24 +206,26 @@ fn ply_part(path: &Path, file: PlyMesh, library: &mut Library) -> Result<Part> {
     if mesh.texture_coords().is_none() || texture_files.is_empty() {
         return Ok(Part::plain(mesh));
     }
+    if untextured > 0 {
+        let problem = format!(
+            "{untextured} triangles have no texture (a texnumber below 0, or no texture coordinates): they have \
+             the colors of their vertices, if any"
+        );
+        library.note(path, problem);
+    }
     let slots = mesh.triangle_materials().map(<[u32]>::to_vec);
     let used: BTreeSet<u32> = match &slots {
         Some(slots) => slots.iter().copied().collect(),
         None => BTreeSet::from([0]),
     };
-    let draft = |(index, file): (u32, &String)| Draft {
-        texture: match used.contains(&index) {
-            true => library.texture(path, file, Use::Color),
-            false => None,
-        },
-        ..Draft::from(
-            mesh.materials()
-                .get(index as usize)
-                .cloned()
-                .unwrap_or_default(),
-        )
+    let draft = |(index, material): (u32, &Material)| Draft {
+        texture: texture_files
+            .get(index as usize)
+            .filter(|_| used.contains(&index))
+            .and_then(|file| library.texture(path, file, Use::Color)),
+        ..Draft::from(material.clone())
     };
-    let drafts = (0u32..).zip(&texture_files).map(draft).collect();
+    let drafts = (0u32..).zip(mesh.materials()).map(draft).collect();
     Part::new(mesh, drafts, slots).map_err(|error| Error::layout(path, error.to_string()))
 }
 

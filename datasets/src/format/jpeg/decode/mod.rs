@@ -75,6 +75,9 @@ impl Frame {
     }
 }
 
+/// An image's width and height, and some of its pixels.
+pub(in crate::format) type Part = ((u32, u32), ColorImage);
+
 /// Why coded data are read no further.
 #[derive(Debug, PartialEq)]
 enum Stop {
@@ -91,7 +94,7 @@ pub(in crate::format) fn decode(
     bytes: &[u8],
     most: u64,
     wanted: impl FnOnce((u32, u32)) -> Window,
-) -> Result<Option<((u32, u32), ColorImage)>, FormatError> {
+) -> Result<Option<Part>, FormatError> {
     let plain = header(bytes).filter(|(frame, _)| frame.pixels() <= most);
     let plain = plain.and_then(|(frame, coded)| Some((frame, reader::unstuffed(coded)?)));
     let Some((frame, coded)) = plain else {

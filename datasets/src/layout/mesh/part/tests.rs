@@ -2,6 +2,7 @@
 
 use crate::layout::files::write_atomically;
 use crate::layout::mesh::read_meshes;
+use glam::Vec2;
 use std::io::Write;
 use std::path::Path;
 
@@ -96,4 +97,52 @@ fn textures_and_colors_of_a_ply_that_do_not_show() {
     said(folder, "m.ply", &["faces have colors"]);
     ply("", colors, "", (" 255 0 0", ""));
     said(folder, "m.ply", &[]);
+}
+
+/// Two triangles of a textured PLY: the second has no texture coordinates of its own, or the number of no texture.
+#[test]
+fn triangles_of_a_ply_without_a_texture_show_their_vertices() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    put_image(folder);
+    let coords = "property float s\nproperty float t\n";
+    for (of_vertices, second, is_textured) in [
+        ("", "0 0", false),
+        ("", "6 0 0 1 0 1 1 -1", false),
+        (coords, "0 0", true),
+        (coords, "0 -1", false),
+    ] {
+        let of_vertex = if of_vertices.is_empty() {
+            ""
+        } else {
+            " 0.5 0.25"
+        };
+        let rows = ["0 0 0", "1 0 0", "0 1 0", "1 1 0"].map(|at| format!("{at}{of_vertex}\n"));
+        let text = format!(
+            "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 4\nproperty float x\nproperty float y\n\
+             property float z\n{of_vertices}element face 2\nproperty list uchar int vertex_index\n\
+             property list uchar float texcoord\nproperty int texnumber\nend_header\n{}\
+             3 0 1 2 6 0 0 1 0 1 1 0\n3 1 3 2 {second}\n",
+            rows.concat()
+        );
+        put(folder, "m.ply", &text);
+        let parts: &[&str] = if is_textured {
+            &[]
+        } else {
+            &["1 triangles have no texture"]
+        };
+        said(folder, "m.ply", parts);
+        let mesh = read_meshes(&[folder.join("m.ply")]).unwrap().mesh;
+        assert!(mesh.material_of(0).texture.is_some());
+        assert_eq!(
+            mesh.material_of(1).texture.is_some(),
+            is_textured,
+            "{second}"
+        );
+        let finite = mesh.texture_coords().unwrap().iter().flatten();
+        assert!(finite.into_iter().all(|coord| coord.is_finite()));
+        if is_textured {
+            assert_eq!(mesh.texture_coords().unwrap()[1], [Vec2::new(0.5, 0.25); 3]);
+        }
+    }
 }
