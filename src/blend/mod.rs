@@ -72,8 +72,15 @@ impl BlendOptions {
             return Ok((d0, d0));
         };
         let sigma = positive("blend filter's sigma", sigma)?;
-        let d0 = |length: u32| (f64::from(length) / (std::f64::consts::TAU * sigma)).powi(2);
-        Ok((d0(size.0), d0(size.1)))
+        let d0 = |length: u32| {
+            let d0 = (f64::from(length) / (std::f64::consts::TAU * sigma)).powi(2);
+            if d0 > 0.0 && d0.is_finite() {
+                return Ok(d0);
+            }
+            let problem = format!("expected pixels within 1e-150 … 1e150, found {sigma}");
+            Err(Error::invalid("blend filter's sigma", problem))
+        };
+        Ok((d0(size.0)?, d0(size.1)?))
     }
 }
 

@@ -115,6 +115,15 @@ fn normalized_is_the_quotient_of_two_gaussian_sums() {
     // Touches all borders of the image, and has a slanting edge.
     let values = (0..width * height).map(|i| i % width + 2 * (i / width) > 30);
     let mask = Raster::from_values(width, height, values.collect()).unwrap();
+    for far in [1e165, 1e-165] {
+        let options = BlendOptions {
+            sigma: Some(far),
+            ..BlendOptions::default()
+        };
+        let error = Blender::new((width, height), &options).map(|_| "made");
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("1e-150 … 1e150"), "{error}");
+    }
     let by_sigma = BlendOptions {
         sigma: Some(sigma),
         ..Default::default()

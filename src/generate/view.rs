@@ -300,8 +300,8 @@ fn beyond_warning(id: u32, images: &Images) -> Option<Coded> {
     (images.beyond > 0).then(|| {
         let percent = 100.0 * images.beyond as f64 / all as f64;
         let message = format!(
-            "view {id}: {percent:.1} % of the render's pixels lie beyond the photograph, whose \
-             border is repeated there; give a smaller --size or a longer focal length to avoid that"
+            "view {id}: {percent:.1} % of the render's pixels lie beyond the photograph, whose border is repeated \
+             there: its lens bends that part of the view away"
         );
         ("beyond-photograph".to_owned(), message)
     })

@@ -240,6 +240,12 @@ type Root = (PathBuf, Option<(u32, u32)>);
 /// The root of each set and its image size.
 fn roots_of(job: &GenerateJob) -> Result<Vec<Root>> {
     let pair = |size: &Size| Some((size.width, size.height));
+    if let (Some((width, height)), [first, ..]) = (job.options.size, &job.sizes[..]) {
+        let problem = format!(
+            "expected `sizes` or `options.size`, found both ({first}, {width}x{height}): leave one out"
+        );
+        return Err(Error::invalid("image sizes", problem));
+    }
     if let Some((index, twice)) =
         (job.sizes.iter().enumerate()).find(|(index, size)| job.sizes[..*index].contains(size))
     {

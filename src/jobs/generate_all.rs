@@ -5,6 +5,7 @@ use super::generate::{self, GenerateJob};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::generate::Part;
+use crate::warning::Warnings;
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -95,12 +96,23 @@ fn make(
     part: Part,
     context: &Context<'_>,
 ) -> Result<generate::GenerateOutcome> {
-    let id = generate::id_of(job, &generate::name_of(job))?;
+    let name = generate::name_of(job);
+    let id = generate::id_of(job, &name)?;
     if !taken.insert(job.out.join(&id)) {
         let problem = "expected scenes with distinct names, found this one twice: give `name`";
         return Err(Error::invalid(format!("scene {id}"), problem));
     }
-    generate::run(job, part, context)
+    let warnings = Warnings::default();
+    let alone = Context {
+        warnings: &warnings,
+        ..*context
+    };
+    let made = generate::run(job, part, &alone);
+    for warning in warnings.sorted() {
+        let message = format!("{name}: {}", warning.message);
+        context.warnings.add(&warning.code, message);
+    }
+    made
 }
 
 fn reported(name: String, made: Result<generate::GenerateOutcome>) -> BatchScene {

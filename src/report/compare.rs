@@ -103,7 +103,7 @@ pub fn compare(
     }
     let naming = Naming {
         methods: methods(before).len() > 1 || methods(after).len() > 1,
-        procedures: options.mixing == Mixing::Refused && procedures(before).len() > 1,
+        procedures: has_several_procedures(before, after),
     };
     let first = cells(before, naming)?;
     let second = cells(after, naming)?;
@@ -221,9 +221,18 @@ fn procedures(records: &[Record]) -> BTreeSet<String> {
     scored.map(procedure).collect()
 }
 
+/// Whether cells must say their procedure: a set has several, and one that the other has.
+fn has_several_procedures(before: &[Record], after: &[Record]) -> bool {
+    let (first, second) = (procedures(before), procedures(after));
+    first.len().max(second.len()) > 1 && !first.is_disjoint(&second)
+}
+
+/// An error where a set has scores of a procedure that the other does not even name in a failure.
 fn same_procedure(before: &[Record], after: &[Record]) -> Result<()> {
     let (first, second) = (procedures(before), procedures(after));
-    if first == second || first.is_empty() || second.is_empty() {
+    let all = |records: &[Record]| records.iter().map(procedure).collect::<BTreeSet<_>>();
+    let are_named = first.is_subset(&all(after)) && second.is_subset(&all(before));
+    if are_named || first.is_empty() || second.is_empty() {
         return Ok(());
     }
     let list = |set: &BTreeSet<String>| set.iter().cloned().collect::<Vec<_>>().join(", ");
@@ -289,6 +298,33 @@ mod tests {
 
     fn compared(before: &[Record], after: &[Record]) -> Comparison {
         compare(before, after, &CompareOptions::default()).unwrap()
+    }
+
+    /// Scores by two profiles, of which one failed after; and by one alone.
+    #[test]
+    fn a_procedure_that_failed_is_lost_and_one_alone_may_be_mixed_with_two() {
+        let by = |profile: &str, f: Option<f64>| Record {
+            profile: profile.into(),
+            fscore: f,
+            status: if f.is_some() { "ok" } else { "failed: x" }.into(),
+            ..record("Barn", 0.5, 0.0)
+        };
+        let both = [by("strict", Some(0.5)), by("official", Some(0.6))];
+        let failed = [by("strict", Some(0.5)), by("official", None)];
+        let found = compared(&both, &failed);
+        assert_eq!(found.lost, ["tnt official · Barn · τ 0.01 (failed: x)"]);
+        assert_eq!(found.differences.len(), 1);
+        assert_eq!(compared(&failed, &both).gained.len(), 1);
+        let alone = &both[..1];
+        let refused = compare(&both, alone, &CompareOptions::default());
+        assert!(refused.unwrap_err().to_string().contains("same protocols"));
+        let mixing = CompareOptions {
+            mixing: Mixing::Allowed,
+            ..CompareOptions::default()
+        };
+        let mixed = compare(&both, alone, &mixing).unwrap();
+        assert_eq!(mixed.lost, ["tnt official · Barn · τ 0.01"]);
+        assert_eq!(mixed.differences[0].outcome, Outcome::Same);
     }
 
     #[test]

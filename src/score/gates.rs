@@ -233,21 +233,22 @@ pub fn of_crop(
 ) -> Gate {
     let side = &evaluation.reconstruction;
     let kept = side.cropped as f64 / side.input.max(1) as f64;
+    let limits = (Some(MIN_CROP_KEPT), None);
+    if side.input == 0 {
+        let said = "the reconstruction has no points".to_owned();
+        return Gate::new("crop-keeps-little", kept, limits, said);
+    }
     let said = format!(
         "{} of {} points of the reconstruction are inside the crop volume",
         side.cropped, side.input
     );
-    let cause = if side.input == 0 {
-        "the reconstruction has no points".to_owned()
-    } else {
-        let unit = unit_guess(reconstruction, truth).filter(|_| !by_cameras);
-        let why = unit.map_or_else(
-            || "the transform or the log seems to be another scene's".to_owned(),
-            |unit| format!("units look like {unit}"),
-        );
-        format!("{}; {why}", spans(reconstruction, truth))
-    };
-    Gate::new("crop-keeps-little", kept, (Some(MIN_CROP_KEPT), None), said).because(cause)
+    let unit = unit_guess(reconstruction, truth).filter(|_| !by_cameras);
+    let why = unit.map_or_else(
+        || "the transform or the log seems to be another scene's".to_owned(),
+        |unit| format!("units look like {unit}"),
+    );
+    let cause = format!("{}; {why}", spans(reconstruction, truth));
+    Gate::new("crop-keeps-little", kept, limits, said).because(cause)
 }
 
 fn spans(reconstruction: &Aabb, truth: &Aabb) -> String {

@@ -441,6 +441,16 @@ fn a_manifest_goes_on_after_a_scene_that_fails() {
     let folder = tempfile::tempdir().unwrap();
     let input = |name: &str| inputs().join(name).display().to_string();
     let (mesh, cams, photos) = (input("mesh.obj"), input("cams"), input("photos"));
+    let doubtful = folder.path().join("doubtful");
+    std::fs::create_dir(&doubtful).unwrap();
+    for photo in std::fs::read_dir(&photos).unwrap() {
+        let photo = photo.unwrap().path();
+        std::fs::copy(&photo, doubtful.join(photo.file_name().unwrap())).unwrap();
+        let stem = photo.file_stem().unwrap().to_str().unwrap();
+        for ending in ["png", "jpg"].iter().filter(|_| stem.ends_with('1')) {
+            std::fs::copy(&photo, doubtful.join(format!("{stem}.{ending}"))).unwrap();
+        }
+    }
     let manifest = format!(
         "[defaults]\nout = \"dataset\"\nmesh = [\"{mesh}\"]\ncameras = \"{cams}\"\n\
          options.render.samples = 16\n\
@@ -448,7 +458,8 @@ fn a_manifest_goes_on_after_a_scene_that_fails() {
          [[scene]]\nname = \"broken\"\nphotos = \"nowhere\"\n\
          [[scene]]\nname = \"misspelt\"\nphoto = \"{photos}\"\n\
          [[scene]]\nname = \"first\"\nphotos = \"{photos}\"\n\
-         [[scene]]\nname = \"last\"\nphotos = \"{photos}\"\nvalidation = true\n"
+         [[scene]]\nname = \"last\"\nphotos = \"doubtful\"\nvalidation = true\n\
+         [[scene]]\nname = \"both\"\nphotos = \"{photos}\"\nsizes = [\"64x48\"]\noptions.size = [96, 72]\n"
     );
     let path = folder.path().join("scenes.toml");
     write(&path, manifest);
@@ -460,7 +471,17 @@ fn a_manifest_goes_on_after_a_scene_that_fails() {
     assert!(status(1).contains("nowhere"), "{}", status(1));
     assert!(status(2).contains("unknown field `photo`"), "{}", status(2));
     assert!(status(3).contains("twice"), "{}", status(3));
-    assert_eq!(answer["failed"], 3);
+    assert!(
+        status(5).contains("found both (64x48, 96x72)"),
+        "{}",
+        status(5)
+    );
+    assert_eq!(answer["failed"], 4);
+    let said = stderr(&output);
+    assert!(
+        said.contains("[photograph-doubtful]: last: 1 views"),
+        "{said}"
+    );
     let root = folder.path().join("dataset");
     let list = |name: &str| std::fs::read_to_string(root.join(name)).unwrap();
     assert_eq!(list("validation_list.txt"), scene_id("last") + "\n");

@@ -17,10 +17,11 @@ use crate::fuse::FuseOptions;
 use crate::generate::{Extra, GenerateOptions, Part};
 use crate::provenance::{self, Run};
 use inputs::Inputs;
+use mvs_datasets::layout::blended::BlendedFolder;
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
 use mvs_metrics::Tolerance;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Of fewer, none looks from a direction near another's.
 const LEAST_VIEWS: u32 = 5;
@@ -118,7 +119,8 @@ pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
     sheet::write(&out, scene.scene(), &dataset, &inputs.depths)?;
     report::run(&report_job(&out), context)?;
     let sample: Vec<_> = truth.positions().iter().step_by(16).copied().collect();
-    let predicted = predict(&scene, &noise, &fuse_job.fuse, (&sample, job.tau));
+    let needed = sources_needed(&fuse_job.fuse, &dataset)?;
+    let predicted = predict(&scene, &noise, needed, (&sample, job.tau));
     out.finish()?;
     Ok(DemoOutcome {
         out: job.out.clone(),
@@ -130,6 +132,16 @@ pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
         f_score: scored.f_score,
         predicted,
     })
+}
+
+/// How many sources must agree in the middle one of the data set's views, by how many it has.
+fn sources_needed(options: &FuseOptions, dataset: &Path) -> Result<usize> {
+    let scene = BlendedFolder::new(dataset).read_scene(None)?;
+    let sources = |view: usize| scene.sources_of(view).len().min(options.max_sources);
+    let mut counts: Vec<usize> = (0..scene.views().len()).map(sources).collect();
+    counts.sort_unstable();
+    let middle = counts.get(counts.len() / 2).copied().unwrap_or_default();
+    Ok(options.sources_needed(middle))
 }
 
 fn generate_job(out: &OutDir, inputs: &Inputs) -> GenerateJob {

@@ -1,6 +1,5 @@
 //! What the demo's noise model predicts for its score, before anything is fused.
 
-use crate::fuse::FuseOptions;
 use glam::DVec3;
 use mvs_datasets::synthetic::{DepthNoise, SyntheticScene};
 use serde::Serialize;
@@ -22,8 +21,8 @@ const SAME_SURFACE: f64 = 1e-6;
 /// Predicts the score at `tolerance` (world units) of fusing the scene's noisy depth maps, from
 /// `samples` on its exact surface.
 ///
-/// A sample seen by V views is recovered when more than `min_sources` of them have a usable depth
-/// there: a binomial tail with p = (1 − outliers)(1 − holes). The fused depth is the mean of the
+/// A sample seen by V views is recovered when more than `needed` of them, the sources that must agree, have a
+/// usable depth there: a binomial tail with p = (1 − outliers)(1 − holes). The fused depth is the mean of the
 /// usable ones, so its error is Gaussian with σ·depth/√n, and right when below the tolerance. Left
 /// out: flying pixels, slanted surfaces (whose errors are smaller), pixels that agree by chance, and
 /// neighbours that stand in for an unusable pixel: where most surface is seen by hardly more views
@@ -31,7 +30,7 @@ const SAME_SURFACE: f64 = 1e-6;
 pub fn predict(
     scene: &SyntheticScene,
     noise: &DepthNoise,
-    options: &FuseOptions,
+    needed: usize,
     (samples, tolerance): (&[DVec3], f64),
 ) -> Prediction {
     let usable = (1.0 - noise.outliers) * (1.0 - noise.holes);
@@ -44,7 +43,7 @@ pub fn predict(
         }
         #[allow(clippy::cast_precision_loss, reason = "a number of views")]
         let mean_depth = depths.iter().sum::<f64>() / seen as f64;
-        for agreeing in options.min_sources + 1..=seen {
+        for agreeing in needed + 1..=seen {
             let chance = binomial(seen, agreeing, usable);
             #[allow(clippy::cast_precision_loss, reason = "a number of views")]
             let sigma = noise.relative_sigma * mean_depth / (agreeing as f64).sqrt();

@@ -298,6 +298,7 @@ fn a_reconstruction_without_points_scores_zero_and_a_truth_without_points_is_an_
             "{said:?}"
         );
         assert!(!said.iter().any(|said| said.contains("units")), "{said:?}");
+        assert!(!said.iter().any(|said| said.contains("crop")), "{said:?}");
     }
     let tnt = Fixture::new(1000);
     tnt.put_cloud("rec.ply", Vec::new());
