@@ -70,12 +70,22 @@ pub(super) fn plan_scene(
     if places.is_empty() {
         let behind = pairs::count_behind(surface, &sets[0], look);
         let share = covisibility.as_ref().is_some_and(Covisibility::any_share);
+        if source.sources.is_some() && seeing.iter().filter(|&&sees| sees).count() > 1 {
+            let count = views.len();
+            let problem = format!(
+                "expected views that are each other's sources, found none among {count}: {POINTS}"
+            );
+            return Err(Error::invalid("views", problem));
+        }
         return Err(no_pair(views.len(), behind, share));
     }
     let left_out = (0..views.len()).filter(|place| !has_sources(place));
     let left_out = left_out.map(|place| LeftOut {
         id: views[place].id,
-        reason: reason(seeing[place], covisibility.as_ref(), place).to_owned(),
+        reason: match (seeing[place], source.sources) {
+            (true, Some(_)) => POINTS.to_owned(),
+            (sees, _) => reason(sees, covisibility.as_ref(), place).to_owned(),
+        },
     });
     let left_out = left_out.collect();
     let shared = covisibility.as_ref().map_or(&[][..], Covisibility::shared);
@@ -84,6 +94,10 @@ pub(super) fn plan_scene(
         ..Plan::new((&views, places), sources, shared)
     })
 }
+
+/// Why a view that sees the surface is in no pair that was given.
+const POINTS: &str = "the points of the COLMAP model give it no source view that is in the set: --pairs exact \
+                      takes the mesh instead";
 
 /// No two of `count` views are each other's sources: though some `share` surface, or `behind` of them see only the
 /// backs of triangles.

@@ -225,15 +225,35 @@ pub(super) fn without(
     }
 }
 
-/// The surface points that `view` sees on its grid, and how many grid points there are.
+/// More pixels of surface than this many times those between grid points are not missed by all of these.
+const MISSED: f64 = 64.0;
+
+/// The surface points that `view` sees on its grid, and how many grid points there are. Where the grid misses a
+/// surface of few pixels, all pixels are its grid.
 fn surface_points(
-    (renderer, mesh): (&Renderer, &Mesh),
+    surface: (&Renderer, &Mesh),
     view: &View,
     (options, back_faces): (&PairOptions, BackFaces),
 ) -> (Vec<SurfacePoint>, usize) {
     let camera = &view.camera;
     let pixels = f64::from(camera.width()) * f64::from(camera.height());
     let stride = (pixels / f64::from(options.points)).sqrt().max(1.0);
+    let found = on_grid(surface, view, (stride, back_faces));
+    if stride > 1.0 && found.0.is_empty() {
+        let seen = surface.0.visible_count(view);
+        if seen > 0 && (seen as f64) < MISSED * stride * stride {
+            return on_grid(surface, view, (1.0, back_faces));
+        }
+    }
+    found
+}
+
+fn on_grid(
+    (renderer, mesh): (&Renderer, &Mesh),
+    view: &View,
+    (stride, back_faces): (f64, BackFaces),
+) -> (Vec<SurfacePoint>, usize) {
+    let camera = &view.camera;
     let steps = |length: u32| (f64::from(length) / stride).floor().max(1.0);
     let (columns, rows) = (steps(camera.width()), steps(camera.height()));
     let mut directions = Vec::new();

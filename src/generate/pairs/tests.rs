@@ -176,3 +176,38 @@ fn bad_options_are_named() {
         assert!(result.unwrap_err().to_string().contains("view selection"));
     }
 }
+
+/// A wall of a few pixels between the grid's points, seen by three views; turned round, it is none.
+#[test]
+fn a_surface_that_the_grid_misses_is_seen() {
+    let mesh = walls(&[(DVec3::ZERO, 0.3)]);
+    let views: Vec<View> = (0..3u32)
+        .map(|id| view(id, around(5.0 * f64::from(id)), DVec3::ZERO))
+        .collect();
+    let renderer = Renderer::new(&mesh).unwrap();
+    let few = PairOptions {
+        points: 4,
+        ..PairOptions::default()
+    };
+    for back_faces in [BackFaces::Invalid, BackFaces::Valid] {
+        let look = (&few, back_faces);
+        assert!(
+            on_grid((&renderer, &mesh), &views[0], (16.0, back_faces))
+                .0
+                .is_empty()
+        );
+        assert!(sees_surface((&renderer, &mesh), &views[0], look));
+        let shared = Covisibility::measure((&renderer, &mesh), &views, look, &Silent).unwrap();
+        assert!(shared.shared().iter().all(|&part| part > 0.9), "{shared:?}");
+        // Of all pixels some 13 see it, at the best angle or twice that.
+        let [near, far] = [1, 2].map(|other| shared.score(0, other));
+        let pixels = 64.0 * 48.0 / 1000.0;
+        assert!((near * pixels - 13.0).abs() < 4.0, "{near}");
+        assert!((far / near - few.weight(10.0)).abs() < 0.2, "{far} {near}");
+    }
+    let turned = mesh.triangles().iter().map(|&[a, b, c]| [a, c, b]);
+    let turned = Mesh::new(mesh.vertices().to_vec(), turned.collect()).unwrap();
+    let renderer = Renderer::new(&turned).unwrap();
+    let look = (&few, BackFaces::Invalid);
+    assert!(!sees_surface((&renderer, &turned), &views[0], look));
+}

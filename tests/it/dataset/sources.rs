@@ -68,6 +68,20 @@ fn source_views_come_from_the_mesh_or_from_a_sparse_model() {
     assert!(table.is_some() && table == same, "the table is the mesh's");
     // What is no longer asked for goes.
     assert_eq!(with(&["--pairs", "colmap"]), (colmap, None));
+    // A view that sees the surface and no point of the model.
+    let whole = files::read_text(&model.join("images.txt")).unwrap();
+    let (first, rest) = whole.split_once('\n').unwrap();
+    let (_, rest) = rest.split_once('\n').unwrap();
+    write(&model.join("images.txt"), format!("{first}\n\n{rest}"));
+    let again = ["--cameras", text(&model), "--force", "--pairs", "colmap"];
+    let output = generate(folder.path(), &again);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let said = stderr(&output);
+    assert!(
+        said.contains("points of the COLMAP model give it no source view"),
+        "{said}"
+    );
+    write(&model.join("images.txt"), &whole);
     // Cams beside the model are taken as the cameras, numbered otherwise.
     let both = folder.path().join("both");
     for (name, bytes) in files_in(&model) {
