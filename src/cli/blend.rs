@@ -16,8 +16,8 @@ pub(crate) struct BlendArgs {
     /// What `render` wrote, or a folder of renderings on black
     #[arg(long, value_name = "DIR")]
     rendered: Option<PathBuf>,
-    /// A folder of photographs with the renderings' names; one of another size is resized to cover its
-    /// rendering and cut to the centre
+    /// A folder of photographs with the names of the rendered images (`render` writes them to views.json),
+    /// else with the renderings'; one of another size is resized to cover its rendering and cut to the centre
     #[arg(long, value_name = "DIR")]
     photos: Option<PathBuf>,
     /// The folder to write

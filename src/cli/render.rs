@@ -9,7 +9,8 @@ use std::path::PathBuf;
 /// Render a textured mesh from every camera: depth, colour, cams
 ///
 /// Writes depth/<id>.pfm (z-depth in world units, 0 = none, exact at pixel centres), color/<id>.png
-/// (8-bit sRGB) and cams/<id>_cam.txt, where <id> has eight digits. Cameras with a lens are rendered
+/// (8-bit sRGB) and cams/<id>_cam.txt, where <id> has eight digits, and views.json with the images' names
+/// by id. Cameras with a lens are rendered
 /// through it, by exact inversion of its distortion; --undistort renders pinhole images instead.
 ///
 /// Example: mvs-eval render --mesh model.obj --cameras cams --pixel-center integer --out rendered

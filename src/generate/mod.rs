@@ -26,7 +26,7 @@ pub(crate) use leftovers::written;
 pub(crate) use pairs::count_behind;
 pub use pairs::{Covisibility, PairOptions};
 pub use photos::{PhotoFolder, Photographs};
-pub(crate) use photos::{orientation_in, turned_warning, warning_of_turned};
+pub(crate) use photos::{find_named, orientation_in, turned_warning, warning_of_turned};
 pub use plan::{mesh_digest, scene_id};
 pub use range::{HYPOTHESES, RangeRule, depth_range, kept_by_readers};
 pub use resample::resized;

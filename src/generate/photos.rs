@@ -122,24 +122,41 @@ impl PhotoFolder {
 }
 
 fn find(folder: &Path, view: &View, nested: bool) -> Result<Option<PathBuf>> {
-    let named = folder.join(&view.name);
-    if !view.name.is_empty() && is_file(&named)? {
+    let nested = nested && !folder_of(view).is_empty();
+    if let Some(named) = find_named(folder, &view.name, nested)? {
         return Ok(Some(named));
     }
-    let names = stems_of(Path::new(&view.name));
-    let mut stems: Vec<PathBuf> = (names.iter())
-        .map(|name| Path::new(folder_of(view)).join(name))
-        .collect();
-    if !nested || folder_of(view).is_empty() {
-        stems.extend(names.into_iter().map(PathBuf::from));
-        stems.push(format!("{:08}", view.id).into());
+    match nested {
+        true => Ok(None),
+        false => with_ending(folder, &format!("{:08}", view.id)),
     }
-    for stem in stems {
-        for end in ENDINGS {
-            let path = folder.join(format!("{}.{end}", stem.display()));
-            if is_file(&path)? {
-                return Ok(Some(path));
-            }
+}
+
+/// The photograph of that name; else one of it with another ending, and, where folders are not `nested`, the same
+/// without the name's folder.
+pub(crate) fn find_named(folder: &Path, name: &str, nested: bool) -> Result<Option<PathBuf>> {
+    let named = folder.join(name);
+    if !name.is_empty() && is_file(&named)? {
+        return Ok(Some(named));
+    }
+    let inner = name.rsplit_once('/').map_or("", |(inner, _)| inner);
+    let stems = stems_of(Path::new(name));
+    let inside = stems.iter().map(|stem| Path::new(inner).join(stem));
+    let beside = stems.iter().map(PathBuf::from).filter(|_| !nested);
+    for stem in inside.chain(beside) {
+        if let Some(path) = with_ending(folder, &stem.display().to_string())? {
+            return Ok(Some(path));
+        }
+    }
+    Ok(None)
+}
+
+/// The photograph of that name and one of the endings.
+fn with_ending(folder: &Path, stem: &str) -> Result<Option<PathBuf>> {
+    for end in ENDINGS {
+        let path = folder.join(format!("{stem}.{end}"));
+        if is_file(&path)? {
+            return Ok(Some(path));
         }
     }
     Ok(None)

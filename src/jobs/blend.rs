@@ -1,16 +1,18 @@
 //! `mvs-eval blend`: renderings + photographs → blended images.
 
+use super::render::NAMES;
 use super::{Context, OutDir};
 use crate::blend::{BlendOptions, Blender};
 use crate::error::{Error, Result};
-use crate::generate::{self, covering, masked, same_shape};
+use crate::generate::{self, covering, find_named, masked, same_shape};
 use crate::parallel;
 use crate::provenance::Run;
 use mvs_datasets::format::image::JpegOptions;
+use mvs_datasets::layout::blended::record::read_json;
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, Mask};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -20,8 +22,8 @@ use std::path::{Path, PathBuf};
 pub struct BlendJob {
     /// What `render` wrote (`color/` and `depth/`), or a folder of renderings on black.
     pub rendered: PathBuf,
-    /// A folder of photographs with the renderings' names; resized to cover the renderings and cut to
-    /// their centre.
+    /// A folder of photographs with the names of the images that were rendered (`views.json` of `render`), else
+    /// with the renderings'; resized to cover the renderings and cut to their centre.
     pub photos: PathBuf,
     /// The folder for `<name>.jpg` and `<name>_masked.jpg`.
     pub out: PathBuf,
@@ -148,23 +150,38 @@ fn check_names(renderings: &BTreeMap<String, PathBuf>) -> Result<()> {
     Ok(())
 }
 
-/// Pairs renderings with photographs by name.
+/// Pairs renderings with photographs by the names that `render` says their images have, else by their own.
 fn find_inputs(job: &BlendJob) -> Result<Vec<Input>> {
     let color = job.rendered.join("color");
     let from_render = color.is_dir();
     let renderings = images_in(if from_render { &color } else { &job.rendered })?;
-    let photographs = images_in(&job.photos)?;
     if renderings.is_empty() {
         let problem = "expected renderings (.png or .jpg) here or in color/, found none";
         return Err(mvs_datasets::Error::layout(&job.rendered, problem).into());
     }
     check_names(&renderings)?;
+    let names: BTreeMap<String, String> = read_json(&job.rendered.join(NAMES))?.unwrap_or_default();
+    let photographs = match renderings.keys().all(|name| names.contains_key(name)) {
+        true => BTreeMap::new(),
+        false => images_in(&job.photos)?,
+    };
+    // Where two folders have an image of one name, the folder is part of it.
+    let files: BTreeSet<_> = names
+        .values()
+        .map(|name| Path::new(name).file_name())
+        .collect();
+    let nested = files.len() < names.len();
     let pair = |(name, rendering): (String, PathBuf)| {
-        let missing = || {
-            let problem = format!("expected a photograph of the name `{name}`, found none");
-            mvs_datasets::Error::layout(&job.photos, problem)
+        let image = names.get(&name);
+        let found = match image {
+            Some(image) => find_named(&job.photos, image, nested)?,
+            None => photographs.get(&name).cloned(),
         };
-        let photograph = photographs.get(&name).ok_or_else(missing)?.clone();
+        let photograph = found.ok_or_else(|| {
+            let image = image.unwrap_or(&name);
+            let problem = format!("expected a photograph of the name `{image}`, found none");
+            mvs_datasets::Error::layout(&job.photos, problem)
+        })?;
         let depth = job.rendered.join("depth").join(format!("{name}.pfm"));
         Ok(Input {
             name,

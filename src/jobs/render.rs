@@ -14,7 +14,7 @@ use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
 use mvs_datasets::scene::{DepthRange, View};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Options of `mvs-eval render`.
@@ -157,11 +157,22 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
         return Err(Error::invalid(job.cameras.display().to_string(), problem));
     }
     warn_of_empty(&views, context);
+    out.write_json(NAMES, &names_of(&views))?;
     out.finish()?;
     Ok(RenderOutcome {
         triangles: loaded.mesh.triangles().len(),
         views,
     })
+}
+
+/// The file that says which image each rendering is of.
+pub(super) const NAMES: &str = "views.json";
+
+/// The names of the views' images, where there are any, by the names of their files.
+fn names_of(views: &[RenderedView]) -> BTreeMap<String, &str> {
+    let named = views.iter().filter(|view| !view.name.is_empty());
+    let named = named.map(|view| (mvsnet::file_name(view.id, ""), view.name.as_str()));
+    named.collect()
 }
 
 /// Names the views that see nothing, the first of them.

@@ -1,6 +1,6 @@
 //! `mvs-eval blend` on files: what is surface, names, renderings of nothing.
 
-use crate::support::{mvs_eval, stderr, text};
+use crate::support::{mvs_eval, stderr, text, write};
 use mvs_datasets::format::image::{self, JpegOptions};
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::ColorImage;
@@ -107,4 +107,42 @@ fn renderings_of_nothing_are_told_of_and_two_for_one_name_are_refused() {
     assert_eq!(output.status.code(), Some(2));
     let said = "both become b_masked.jpg";
     assert!(stderr(&output).contains(said), "{}", stderr(&output));
+}
+
+/// The names of views.json win over those of the renderings' files, with another ending, and with or without
+/// their folders.
+#[test]
+fn photographs_are_those_of_the_images_that_were_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let flat = |level: u8| ColorImage::filled(64, 48, [level; 3]).unwrap();
+    for id in ["00000000", "00000001"] {
+        put_png(&path(&format!("rendered/{id}.png")), &rendering(true));
+    }
+    let names = r#"{"00000000": "left.jpg", "00000001": "00000000.jpg"}"#;
+    write(&path("rendered/views.json"), names);
+    put_png(&path("photos/left.png"), &flat(90));
+    put_png(&path("photos/00000000.png"), &flat(150));
+    put_png(&path("photos/00000001.png"), &flat(210));
+    let differences = || {
+        let output = blend(folder.path());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        [0, 1].map(|at| found["images"][at]["difference_before"].as_f64().unwrap())
+    };
+    // Against (250, 120, 40): of 90 and of 150.
+    let expected = [(160.0 + 30.0 + 50.0) / 3.0, (100.0 + 30.0 + 110.0) / 3.0];
+    assert_eq!(differences(), expected);
+    let names = r#"{"00000000": "a/left.jpg", "00000001": "b/left.jpg"}"#;
+    write(&path("rendered/views.json"), names);
+    let output = blend(folder.path());
+    assert_eq!(output.status.code(), Some(2));
+    let said = stderr(&output);
+    assert!(
+        said.contains("photograph of the name `a/left.jpg`"),
+        "{said}"
+    );
+    put_png(&path("photos/a/left.png"), &flat(150));
+    put_png(&path("photos/b/left.png"), &flat(90));
+    assert_eq!(differences(), [expected[1], expected[0]]);
 }
