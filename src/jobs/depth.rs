@@ -281,6 +281,12 @@ fn planes_of(job: &DepthJob, folder: &BlendedFolder, view: &View) -> Result<Dept
     Ok(DepthPlanes::new(range.min(), range.max(), job.planes)?)
 }
 
+/// The pixel of `of` in a row that holds the centre of pixel `index` of `length`, where both rows show the same.
+pub(super) fn nearest(index: u32, length: u32, of: u32) -> u32 {
+    let at = (u64::from(index) * 2 + 1) * u64::from(of) / (2 * u64::from(length));
+    u32::try_from(at).unwrap_or(u32::MAX).min(of - 1)
+}
+
 /// The truth at the pixels nearest to those of a map of `size`: depth is never interpolated.
 fn at_size(truth: &DepthMap, size: (u32, u32), path: &Path) -> Result<Raster<f32>> {
     if truth.size() == size {
@@ -297,10 +303,6 @@ fn at_size(truth: &DepthMap, size: (u32, u32), path: &Path) -> Result<Raster<f32
         );
         return Err(Error::invalid(path.display().to_string(), problem));
     }
-    let nearest = |index: u32, length: u32, of: u32| {
-        let at = (u64::from(index) * 2 + 1) * u64::from(of) / (2 * u64::from(length));
-        u32::try_from(at).unwrap_or(u32::MAX).min(of - 1)
-    };
     let pixels = (0..size.1).flat_map(|row| (0..size.0).map(move |column| (column, row)));
     let values = pixels.map(|(column, row)| {
         truth.get(

@@ -64,7 +64,7 @@ pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>
         if exact.is_empty() {
             exact.clone_from(&images);
         }
-        let value = rmse(exact.iter().zip(&images), 1);
+        let value = rmse(exact.iter().zip(&images));
         measured.push(Measured {
             knob,
             setting,

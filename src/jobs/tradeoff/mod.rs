@@ -11,6 +11,7 @@ mod shrink;
 
 pub use rows::{Row, sentences};
 
+use super::depth::nearest;
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -197,19 +198,17 @@ fn picked(views: &[View], most: u32) -> impl Iterator<Item = &View> {
     views.iter().step_by(step)
 }
 
-/// Root mean square difference of colours in 8-bit levels, where both images show surface (a channel
-/// above 0). The second image of a pair may be smaller by `shrink`: its pixels then stand for
-/// squares.
-fn rmse<'a>(pairs: impl Iterator<Item = (&'a ColorImage, &'a ColorImage)>, shrink: u32) -> f64 {
+/// Root mean square difference of colours in 8-bit levels over the pixels of the first images, where both
+/// show surface (a channel above 0). The second image of a pair shows the same as the first, perhaps in
+/// fewer pixels.
+fn rmse<'a>(pairs: impl Iterator<Item = (&'a ColorImage, &'a ColorImage)>) -> f64 {
     let (mut sum, mut count) = (0.0, 0u64);
     for (exact, other) in pairs {
-        let (width, height) = other.size();
-        for row in 0..(height * shrink).min(exact.height()) {
-            for column in 0..(width * shrink).min(exact.width()) {
-                let (a, b) = (
-                    exact.get(column, row),
-                    other.get(column / shrink, row / shrink),
-                );
+        for row in 0..exact.height() {
+            let other_row = nearest(row, exact.height(), other.height());
+            for column in 0..exact.width() {
+                let other_column = nearest(column, exact.width(), other.width());
+                let (a, b) = (exact.get(column, row), other.get(other_column, other_row));
                 if a == [0; 3] || b == [0; 3] {
                     continue;
                 }
@@ -227,4 +226,41 @@ fn rmse<'a>(pairs: impl Iterator<Item = (&'a ColorImage, &'a ColorImage)>, shrin
     )]
     let mean = sum / count.max(1) as f64;
     mean.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a ramp along both axes only the steps within one small pixel are left, wherever in the image.
+    #[test]
+    fn a_smaller_image_is_compared_where_it_shows_the_same() {
+        let ramp = |width: u32, height: u32| {
+            let level =
+                |index: u32, count: u32| 50.0 + 150.0 * (f64::from(index) + 0.5) / f64::from(count);
+            let values = (0..height).flat_map(|row| {
+                (0..width).map(move |column| {
+                    let (x, y) = (level(column, width), level(row, height));
+                    [x.round() as u8, y.round() as u8, 100]
+                })
+            });
+            ColorImage::from_values(width, height, values.collect()).unwrap()
+        };
+        let exact = ramp(259, 195);
+        for by in [2, 4] {
+            let small = ramp(259 / by, 195 / by);
+            // Half a small pixel is the most that two places are apart.
+            let most = 150.0 / f64::from(195 / by) / 2.0 + 1.0;
+            let found = rmse([(&exact, &small)].into_iter());
+            assert!(found < most / 1.7, "{found} of {most} at 1/{by}");
+        }
+        // By hand: five pixels beside two, of which the centre of the third is in the second.
+        let grey = |values: &[u8]| {
+            let values = values.iter().map(|&value| [value; 3]).collect::<Vec<_>>();
+            ColorImage::from_values(values.len() as u32, 1, values).unwrap()
+        };
+        let exact = grey(&[10, 10, 10, 20, 30]);
+        let found = rmse([(&exact, &grey(&[10, 20]))].into_iter());
+        assert_eq!(found, (200.0f64 / 5.0).sqrt());
+    }
 }

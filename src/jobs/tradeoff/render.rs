@@ -56,7 +56,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         if exact.is_empty() {
             exact.clone_from(&images);
         }
-        let value = rmse(exact.iter().zip(&images), shrink);
+        let value = rmse(exact.iter().zip(&images));
         let setting = setting.to_owned();
         measured.push(Measured {
             knob,
@@ -73,11 +73,10 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
     }))
 }
 
-/// The view with images of a `by`-th of the width and height, rounded down.
+/// The view with images of a `by`-th of the width and height, rounded down, at least 1: they show the same.
 fn shrunk(view: &View, by: u32) -> Result<View> {
-    let camera = view
-        .camera
-        .resized(view.camera.width() / by, view.camera.height() / by)?;
+    let size = [view.camera.width(), view.camera.height()].map(|side| (side / by).max(1));
+    let camera = view.camera.resized(size[0], size[1])?;
     Ok(View {
         camera,
         ..view.clone()
