@@ -14,6 +14,8 @@ pub use document::{
     Spread,
 };
 
+pub(super) use input::finite;
+
 use super::{Context, OutDir};
 use crate::error::Result;
 use crate::parallel;

@@ -1,8 +1,12 @@
 //! `mvs-eval tradeoff`: what it says of errors is what the stages say themselves.
 
 use crate::support::{mvs_eval, stderr, text};
+use mvs_datasets::layout::files;
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::sync::OnceLock;
 
 type Rows = Vec<BTreeMap<String, String>>;
 
@@ -162,4 +166,98 @@ fn without_the_inputs_of_a_stage_it_says_what_is_missing() {
         assert!(stderr(&refused).contains(expected), "{}", stderr(&refused));
         assert!(!out.exists());
     }
+}
+
+/// A small demo, made once, and the folder of its scene.
+fn demo() -> (&'static Path, &'static Path) {
+    static DEMO: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
+    let (folder, dataset) = DEMO.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("demo");
+        let made = mvs_eval(&[
+            "demo",
+            "--views",
+            "8",
+            "--size",
+            "128x96",
+            "--out",
+            text(&out),
+        ]);
+        assert!(made.status.success(), "{}", stderr(&made));
+        let answer: serde_json::Value = serde_json::from_slice(&made.stdout).unwrap();
+        let dataset = PathBuf::from(answer["dataset"].as_str().unwrap());
+        (folder, dataset)
+    });
+    (folder.path(), dataset)
+}
+
+/// A file of the demo.
+fn of_demo(name: &str) -> String {
+    text(&demo().0.join("demo").join(name)).to_owned()
+}
+
+/// `tradeoff` of fusing the demo's estimates, with further options.
+fn fusion(options: &[&str], out: &Path) -> Output {
+    let (depths, dataset) = (of_demo("estimates/depth"), text(demo().1));
+    let fixed = [
+        "tradeoff",
+        "--scene",
+        dataset,
+        "--depths",
+        &depths,
+        "--repeats",
+        "1",
+    ];
+    mvs_eval(&[&fixed[..], &["--out", text(out)], options].concat())
+}
+
+/// The values by knob and setting of a stage.
+fn values(out: &Path, stage: &str) -> Vec<(String, String, f64)> {
+    let rows = rows_of(&fs::read_to_string(out.join("tradeoff.csv")).unwrap());
+    let of_stage = rows.iter().filter(|row| row["stage"] == stage);
+    let value = |row: &BTreeMap<String, String>| {
+        (
+            row["knob"].clone(),
+            row["setting"].clone(),
+            number(row, "value"),
+        )
+    };
+    of_stage.map(value).collect()
+}
+
+fn cloud(points: &[[f64; 3]]) -> String {
+    let rows = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n"));
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
+         property double z\nend_header\n{}",
+        points.len(),
+        rows.collect::<String>()
+    )
+}
+
+#[test]
+fn points_of_the_fused_truth_that_are_not_finite_are_left_out_and_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let truth = files::read_positions(Path::new(&of_demo("input/truth.ply"))).unwrap();
+    let points: Vec<[f64; 3]> = truth.iter().step_by(50).map(|p| p.to_array()).collect();
+    fs::write(at("truth.ply"), cloud(&points)).unwrap();
+    let with_nan = [&points[..], &[[f64::NAN, 0.0, 0.0]]].concat();
+    fs::write(at("nan.ply"), cloud(&with_nan)).unwrap();
+    let measured = |truth: &str| {
+        let out = at(&format!("out-{truth}"));
+        let ran = fusion(&["--tau", "0.05", "--fuse-truth", text(&at(truth))], &out);
+        assert!(ran.status.success(), "{}", stderr(&ran));
+        (values(&out, "fuse"), stderr(&ran))
+    };
+    let (whole, silent) = measured("truth.ply");
+    let (kept, told) = measured("nan.ply");
+    assert_eq!(whole, kept);
+    assert!(whole[0].2 > 0.0, "{whole:?}");
+    let expected = format!(
+        "1 of {} points of the truth are at NaN or infinity; they are dropped",
+        with_nan.len()
+    );
+    assert!(told.contains(&expected), "{told}");
+    assert!(!silent.contains("at NaN"), "{silent}");
 }

@@ -81,7 +81,7 @@ pub(super) fn is_mesh(path: &Path) -> Result<bool> {
 
 /// The finite points of a cloud; a warning says how many others there were. A reconstruction that has
 /// no points at all scores 0, with a warning; all else without finite points is an error.
-pub(super) fn finite(
+pub(in crate::jobs) fn finite(
     positions: Vec<DVec3>,
     path: &Path,
     side: &str,

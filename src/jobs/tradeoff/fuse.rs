@@ -6,10 +6,12 @@ use crate::error::{Error, Result};
 use crate::fuse::{FuseMode, FuseOptions, Sampling};
 use crate::jobs::Context;
 use crate::jobs::fuse::{self, FuseJob};
-use glam::DVec3;
+use crate::jobs::score::finite;
+use crate::score::FinitePoints;
+use crate::score::plain::{self, Preparation};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::scratch::ScratchFolder;
-use mvs_metrics::{Score, Tolerance, distance};
+use mvs_metrics::Tolerance;
 use std::path::{Path, PathBuf};
 
 /// What is fused, and how.
@@ -107,8 +109,11 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         return Ok(Vec::new());
     };
     let scratch = ScratchFolder::beside(&job.out.join("fused"))?;
-    let mut truth: Option<Vec<DVec3>> = match &job.fuse_truth {
-        Some(path) => Some(files::read_positions(path)?),
+    let mut truth: Option<FinitePoints> = match &job.fuse_truth {
+        Some(path) => {
+            let positions = files::read_positions(path)?;
+            Some(finite(positions, path, "truth", context.warnings)?)
+        }
         None => None,
     };
     let tolerance = Tolerance::new(job.tau)?;
@@ -135,11 +140,10 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         };
         let (_, cost) = clock::measure(job.repeats, || fuse::run(&fuse_job, context))
             .map_err(|error| of_setting((setting.knob, &setting.name), error))?;
-        let cloud = files::read_positions(&fuse_job.out)?;
+        let cloud = FinitePoints::new(files::read_positions(&fuse_job.out)?);
         let truth = truth.get_or_insert_with(|| cloud.clone());
-        let (to_truth, to_cloud) = distance::both_ways(&cloud, truth)
-            .map_err(|error| Error::invalid("fused cloud", error.to_string()))?;
-        let value = Score::from_distances(&to_truth, &to_cloud, tolerance).f_score();
+        let evaluation = plain::evaluate(&cloud, None, truth, &Preparation::default())?;
+        let value = evaluation.score(tolerance).f_score();
         measured.push(Measured {
             knob: setting.knob,
             setting: setting.name,
