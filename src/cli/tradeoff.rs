@@ -18,11 +18,11 @@ use std::path::PathBuf;
 /// Example: mvs-eval tradeoff --truth truth.ply --reconstruction cloud.ply --tau 0.01 --out tradeoff
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct TradeoffArgs {
-    /// Scoring: the truth, a PLY cloud
-    #[arg(long, value_name = "PLY")]
+    /// Scoring: the truth, a PLY cloud; or a PLY, OBJ, GLB or glTF mesh, sampled by area as by score
+    #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Scoring: the reconstruction, a PLY cloud
-    #[arg(long, value_name = "PLY")]
+    /// Scoring: the reconstruction, a cloud or a mesh as the truth
+    #[arg(long, value_name = "FILE")]
     reconstruction: Option<PathBuf>,
     /// Scoring: a 4x4 text file, reconstruction frame to truth frame
     #[arg(long, value_name = "TXT")]
@@ -45,8 +45,8 @@ pub(crate) struct TradeoffArgs {
     /// Fusion: leave out pixels below this confidence
     #[arg(long)]
     min_confidence: Option<f32>,
-    /// Fusion: the cloud that fused ones are scored against; by default that of all sources
-    #[arg(long, value_name = "PLY")]
+    /// Fusion: the cloud or mesh that fused clouds are scored against; by default the cloud of all sources
+    #[arg(long, value_name = "FILE")]
     fuse_truth: Option<PathBuf>,
     /// Rendering: mesh files or folders of them
     #[arg(long, num_args = 1.., value_name = "PATH")]
@@ -70,7 +70,7 @@ pub(crate) struct TradeoffArgs {
     /// Run every setting at least so often (default 3)
     #[arg(long)]
     repeats: Option<u32>,
-    /// Seed of the queries that are drawn (default 0)
+    /// Seed of the queries, and of the points of meshes, that are drawn (default 0)
     #[arg(long, value_name = "N", value_parser = common::seed)]
     seed: Option<u64>,
     /// The folder to write

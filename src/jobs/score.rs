@@ -14,7 +14,7 @@ pub use document::{
     Spread,
 };
 
-pub(super) use input::finite;
+pub(super) use input::{Draw, read_reconstruction, read_truth};
 
 use super::{Context, OutDir};
 use crate::error::Result;

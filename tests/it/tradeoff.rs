@@ -261,3 +261,71 @@ fn points_of_the_fused_truth_that_are_not_finite_are_left_out_and_told_of() {
     assert!(told.contains(&expected), "{told}");
     assert!(!silent.contains("at NaN"), "{silent}");
 }
+
+/// A unit square as a PLY of two triangles, `side` long, in the plane z = `height`.
+fn square(side: f64, height: f64) -> String {
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+         element face 2\nproperty list uchar int vertex_indices\nend_header\n\
+         0 0 {height}\n{side} 0 {height}\n{side} {side} {height}\n0 {side} {height}\n3 0 1 2\n3 0 2 3\n"
+    )
+}
+
+#[test]
+fn meshes_are_scored_by_their_area_as_by_score() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("truth.ply"), square(1.0, 0.0)).unwrap();
+    fs::write(at("half.ply"), square(0.5, 0.004)).unwrap();
+    // The reconstruction's unit is two of the truth's.
+    fs::write(at("twice.txt"), "2 0 0 0.3\n0 2 0 0.3\n0 0 2 0\n0 0 0 1\n").unwrap();
+    let paths = ["truth.ply", "half.ply", "twice.txt"].map(|name| text(&at(name)).to_owned());
+    let [truth, half, twice] = &paths;
+    let inputs = [
+        "--truth",
+        truth,
+        "--reconstruction",
+        half,
+        "--transform",
+        twice,
+        "--seed",
+        "3",
+    ];
+    let run = |command: &[&str], out: &str| {
+        let ran = mvs_eval(
+            &[
+                command,
+                &inputs[..],
+                &["--tau", "0.02", "--out", text(&at(out))],
+            ]
+            .concat(),
+        );
+        assert!(ran.status.success(), "{}", stderr(&ran));
+        stderr(&ran)
+    };
+    let warned = run(&["tradeoff", "--repeats", "1"], "tradeoff");
+    run(&["score", "--voxel", "0.01"], "score");
+    let score = fs::read_to_string(at("score/score.json")).unwrap();
+    let score: serde_json::Value = serde_json::from_str(&score).unwrap();
+    let exact = values(&at("tradeoff"), "score")[0].2;
+    assert_eq!(Some(exact), score["f_score"].as_f64());
+    // Half of either lies on the other, less what is lost of corners: 0.7² of the area.
+    assert!((exact - 0.5).abs() < 0.03, "{exact}");
+    assert!(
+        warned.contains("the truth is a mesh, turned into points by area"),
+        "{warned}"
+    );
+}
+
+#[test]
+fn fused_clouds_are_scored_against_a_mesh_by_its_area() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |truth: &str| {
+        let out = folder.path().join(truth.replace('/', "-"));
+        let ran = fusion(&["--tau", "0.05", "--fuse-truth", &of_demo(truth)], &out);
+        assert!(ran.status.success(), "{}", stderr(&ran));
+        values(&out, "fuse")[0].2
+    };
+    let (scan, mesh) = (of("input/truth.ply"), of("input/mesh.obj"));
+    assert!(scan > 0.5 && (scan - mesh).abs() < 0.1, "{scan} {mesh}");
+}

@@ -20,10 +20,10 @@ use std::path::{Path, PathBuf};
 const SCALE_MARGIN: f64 = 0.9;
 
 /// The side that may be empty.
-pub(super) const RECONSTRUCTION: &str = "reconstruction";
+const RECONSTRUCTION: &str = "reconstruction";
 
 /// A cloud or a mesh.
-pub(super) enum Surface {
+enum Surface {
     /// Points.
     Cloud(FinitePoints),
     /// Triangles, and the file they are from.
@@ -33,12 +33,7 @@ pub(super) enum Surface {
 impl Surface {
     /// The points that stand for the surface at a tolerance of `tau` units of its own frame; for a
     /// mesh read as bare points also a gate on whether that does it justice.
-    pub(super) fn into_points(
-        self,
-        how: MeshAs,
-        tau: f64,
-        seed: u64,
-    ) -> Result<(FinitePoints, Option<Gate>)> {
+    fn into_points(self, how: MeshAs, tau: f64, seed: u64) -> Result<(FinitePoints, Option<Gate>)> {
         let (mesh, path) = match self {
             Self::Cloud(points) => return Ok((points, None)),
             Self::Mesh(mesh, path) => (mesh, path),
@@ -58,7 +53,7 @@ impl Surface {
 }
 
 /// Reads a PLY cloud or a mesh: a PLY with faces, OBJ, GLB or glTF.
-pub(super) fn read(path: &Path, side: &str, warnings: &Warnings) -> Result<Surface> {
+fn read(path: &Path, side: &str, warnings: &Warnings) -> Result<Surface> {
     if !is_mesh(path)? {
         let positions = files::read_with(path, ply::read_positions)?;
         return Ok(Surface::Cloud(finite(positions, path, side, warnings)?));
@@ -68,6 +63,57 @@ pub(super) fn read(path: &Path, side: &str, warnings: &Warnings) -> Result<Surfa
         warnings.add("mesh", note);
     }
     Ok(Surface::Mesh(Box::new(loaded.mesh), path.to_path_buf()))
+}
+
+/// How the points that stand for a mesh are drawn.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::jobs) struct Draw {
+    /// Which points.
+    pub(in crate::jobs) how: MeshAs,
+    /// The tolerance that they are dense enough for, in world units of the truth.
+    pub(in crate::jobs) tau: f64,
+    /// The seed.
+    pub(in crate::jobs) seed: u64,
+}
+
+/// Points; of a mesh also how they were chosen, and a gate on that.
+pub(in crate::jobs) type ReadPoints = (FinitePoints, Option<MeshAs>, Option<Gate>);
+
+/// The reconstruction's points. `scale` is asked for the truth's length of a unit of a mesh.
+pub(in crate::jobs) fn read_reconstruction(
+    path: &Path,
+    draw: Draw,
+    scale: impl FnOnce() -> Result<f64>,
+    warnings: &Warnings,
+) -> Result<ReadPoints> {
+    match read(path, RECONSTRUCTION, warnings)? {
+        Surface::Cloud(points) => Ok((points, None, None)),
+        mesh @ Surface::Mesh(..) => {
+            let (points, gate) = mesh.into_points(draw.how, draw.tau / scale()?, draw.seed)?;
+            Ok((points, Some(draw.how), gate))
+        }
+    }
+}
+
+/// The truth's points; a warning says so where it is a mesh.
+pub(in crate::jobs) fn read_truth(
+    path: &Path,
+    draw: Draw,
+    warnings: &Warnings,
+) -> Result<ReadPoints> {
+    let surface = read(path, "truth", warnings)?;
+    let how = matches!(surface, Surface::Mesh(..)).then_some(draw.how);
+    if let Some(how) = how {
+        let file = path.display();
+        let message = format!("{file}: the truth is a mesh, turned into points by {how}");
+        warnings.add("truth-is-mesh", message);
+    }
+    let (points, gate) = surface.into_points(draw.how, draw.tau, draw.seed)?;
+    let gate = gate.map(|gate| Gate {
+        message: format!("truth: {}", gate.message),
+        ..gate
+    });
+    Ok((points, how, gate))
 }
 
 /// Whether a file holds triangles.
@@ -81,7 +127,7 @@ pub(super) fn is_mesh(path: &Path) -> Result<bool> {
 
 /// The finite points of a cloud; a warning says how many others there were. A reconstruction that has
 /// no points at all scores 0, with a warning; all else without finite points is an error.
-pub(in crate::jobs) fn finite(
+pub(super) fn finite(
     positions: Vec<DVec3>,
     path: &Path,
     side: &str,

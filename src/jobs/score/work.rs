@@ -5,7 +5,7 @@ use super::alignment::{Alignment, AlignmentSource};
 use super::document::{
     AtTolerance, Distances, InputHashes, OtherProfile, Protocol, SCHEMA, ScoreDocument, Spread,
 };
-use super::input::{self, Surface};
+use super::input::{self, Draw, ReadPoints};
 use super::plan::{self, Plan, Truth};
 use crate::error::Result;
 use crate::jobs::Context;
@@ -89,7 +89,7 @@ impl<'a> Work<'a> {
         let transform = transform.transpose()?.map(|transform| transform.matrix());
         let scale = || Ok(transform.map_or(1.0, tnt::scale_of));
         let (truth, reconstruction) = parallel::both(
-            || self.read_plain_truth(truth),
+            || input::read_truth(truth, self.draw(), &self.warnings),
             || self.read_reconstruction(scale),
         );
         let (truth, truth_sampling, truth_gate) = truth?;
@@ -217,50 +217,20 @@ impl<'a> Work<'a> {
         Ok((inputs, mesh_sampling, gate))
     }
 
-    /// The reconstruction's points; for a mesh also how they were chosen, and a gate on that.
-    /// `scale` is asked for the truth's length of a unit of the mesh.
-    fn read_reconstruction(
-        &self,
-        scale: impl FnOnce() -> Result<f64>,
-    ) -> Result<(FinitePoints, Option<MeshAs>, Option<Gate>)> {
-        let surface = input::read(
-            &self.job.reconstruction,
-            input::RECONSTRUCTION,
-            &self.warnings,
-        )?;
-        let Surface::Mesh(..) = &surface else {
-            return Ok((self.points_of(surface, 1.0)?.0, None, None));
-        };
-        let (points, gate) = self.points_of(surface, scale()?)?;
-        Ok((points, Some(self.job.mesh_as), gate))
+    /// As [`input::read_reconstruction`].
+    fn read_reconstruction(&self, scale: impl FnOnce() -> Result<f64>) -> Result<ReadPoints> {
+        let path = &self.job.reconstruction;
+        input::read_reconstruction(path, self.draw(), scale, &self.warnings)
     }
 
-    /// The truth of the plain protocol, as [`Work::read_reconstruction`].
-    fn read_plain_truth(
-        &self,
-        path: &Path,
-    ) -> Result<(FinitePoints, Option<MeshAs>, Option<Gate>)> {
-        let surface = input::read(path, "truth", &self.warnings)?;
-        let how = matches!(surface, Surface::Mesh(..)).then_some(self.job.mesh_as);
-        if let Some(how) = how {
-            let file = path.display();
-            let message = format!("{file}: the truth is a mesh, turned into points by {how}");
-            self.warnings.add("truth-is-mesh", message);
-        }
-        let (points, gate) = self.points_of(surface, 1.0)?;
-        let gate = gate.map(|gate| Gate {
-            message: format!("truth: {}", gate.message),
-            ..gate
-        });
-        Ok((points, how, gate))
-    }
-
-    /// The points of a cloud as they are, of a mesh as the job wants them: sampled for the smallest
-    /// tolerance.
-    fn points_of(&self, surface: Surface, scale: f64) -> Result<(FinitePoints, Option<Gate>)> {
+    /// Meshes as the job wants them: sampled for the smallest tolerance.
+    fn draw(&self) -> Draw {
         let tau = self.plan.tolerances.iter().map(|tolerance| tolerance.get());
-        let tau = tau.fold(f64::INFINITY, f64::min);
-        surface.into_points(self.job.mesh_as, tau / scale, self.job.seed)
+        Draw {
+            how: self.job.mesh_as,
+            tau: tau.fold(f64::INFINITY, f64::min),
+            seed: self.job.seed,
+        }
     }
 
     fn gates_of_motion(&self, motion: &Motion) -> Vec<Gate> {

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::fuse::{FuseMode, FuseOptions, Sampling};
 use crate::jobs::Context;
 use crate::jobs::fuse::{self, FuseJob};
-use crate::jobs::score::finite;
+use crate::jobs::score::read_truth;
 use crate::score::FinitePoints;
 use crate::score::plain::{self, Preparation};
 use mvs_datasets::layout::files;
@@ -110,10 +110,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
     };
     let scratch = ScratchFolder::beside(&job.out.join("fused"))?;
     let mut truth: Option<FinitePoints> = match &job.fuse_truth {
-        Some(path) => {
-            let positions = files::read_positions(path)?;
-            Some(finite(positions, path, "truth", context.warnings)?)
-        }
+        Some(path) => Some(read_truth(path, job.draw(), context.warnings)?.0),
         None => None,
     };
     let tolerance = Tolerance::new(job.tau)?;

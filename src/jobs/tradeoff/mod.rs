@@ -12,10 +12,12 @@ mod shrink;
 pub use rows::{Row, sentences};
 
 use super::depth::nearest;
+use super::score::Draw;
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::provenance::Run;
+use crate::score::sample::MeshAs;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::scene::{ColorImage, View};
 use mvs_metrics::Tolerance;
@@ -27,9 +29,9 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TradeoffJob {
-    /// Scoring: the truth's cloud.
+    /// Scoring: the truth, a cloud or a mesh as `score` takes it.
     pub truth: Option<PathBuf>,
-    /// Scoring: the reconstruction's cloud.
+    /// Scoring: the reconstruction, a cloud or a mesh.
     pub reconstruction: Option<PathBuf>,
     /// Scoring: a 4×4 text file, reconstruction frame to truth frame.
     pub transform: Option<PathBuf>,
@@ -45,7 +47,7 @@ pub struct TradeoffJob {
     pub confidence: Option<PathBuf>,
     /// Fusion: pixels below this confidence are left out.
     pub min_confidence: f32,
-    /// Fusion: the cloud that fused ones are scored against; that of the exact setting without.
+    /// Fusion: the cloud or mesh that fused clouds are scored against; the exact setting's cloud without.
     pub fuse_truth: Option<PathBuf>,
     /// Rendering: the mesh.
     pub mesh: Vec<PathBuf>,
@@ -61,7 +63,7 @@ pub struct TradeoffJob {
     pub views: u32,
     /// Every setting is run at least so often; the mean counts.
     pub repeats: u32,
-    /// Seed of the queries that are drawn.
+    /// Seed of the queries, and of the points of meshes, that are drawn.
     pub seed: u64,
     /// The folder to write.
     pub out: PathBuf,
@@ -129,6 +131,15 @@ impl TradeoffJob {
             return Ok(());
         }
         Err(no_stage())
+    }
+
+    /// Meshes as `score` takes them by default.
+    fn draw(&self) -> Draw {
+        Draw {
+            how: MeshAs::default(),
+            tau: self.tau,
+            seed: self.seed,
+        }
     }
 
     fn inputs(&self) -> Vec<&Path> {

@@ -4,10 +4,12 @@
 use super::TradeoffJob;
 use super::clock;
 use super::rows::{Measured, Row, rows};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::jobs::Context;
+use crate::jobs::score::{read_reconstruction, read_truth};
 use crate::score::plain::{self, Preparation};
 use crate::score::points::{FinitePoints, prism};
+use crate::score::tnt;
 use glam::{DMat4, DVec3};
 use mvs_datasets::layout::files;
 use mvs_metrics::Score;
@@ -82,36 +84,21 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
     let (Some(truth), Some(reconstruction)) = (&job.truth, &job.reconstruction) else {
         return Ok(Vec::new());
     };
+    let motion = job.transform.as_deref().map(files::read_similarity);
+    let motion = motion.transpose()?.map(|similarity| similarity.matrix());
+    let scale = || Ok(motion.map_or(1.0, tnt::scale_of));
+    let crop = job.crop.as_deref().map(files::read_crop).transpose()?;
+    let warnings = context.warnings;
     let pair = Pair {
-        truth: FinitePoints::new(files::read_positions(truth)?),
-        reconstruction: FinitePoints::new(files::read_positions(reconstruction)?),
-        motion: job
-            .transform
-            .as_ref()
-            .map(|path| files::read_similarity(path).map(|similarity| similarity.matrix()))
-            .transpose()?,
+        truth: read_truth(truth, job.draw(), warnings)?.0,
+        reconstruction: read_reconstruction(reconstruction, job.draw(), scale, warnings)?.0,
+        motion,
         preparation: Preparation {
-            crop: job
-                .crop
-                .as_ref()
-                .map(|path| prism(&files::read_crop(path)?))
-                .transpose()?,
+            crop: crop.as_ref().map(prism).transpose()?,
             voxel: None,
         },
         tolerance: Tolerance::new(job.tau)?,
     };
-    for (points, path) in [(&pair.truth, truth), (&pair.reconstruction, reconstruction)] {
-        if points.non_finite() == points.input() {
-            let problem = format!("expected finite points, found none of {}", points.input());
-            return Err(Error::invalid(path.display().to_string(), problem));
-        }
-        if points.non_finite() > 0 {
-            let (dropped, all, path) = (points.non_finite(), points.input(), path.display());
-            let message =
-                format!("{path}: {dropped} of {all} points at NaN or infinity are left out");
-            context.warnings.add("non-finite-points", message);
-        }
-    }
     let (settings, progress) = (settings(), context.progress);
     progress.begin("score settings", settings.len() as u64);
     let mut measured = Vec::new();
