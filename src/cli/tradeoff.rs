@@ -42,6 +42,10 @@ pub(crate) struct TradeoffArgs {
     /// Fusion: the folder of confidence maps
     #[arg(long, value_name = "DIR")]
     confidence: Option<PathBuf>,
+    /// Fusion: the image size that the cams of --scene are for; by default that of a view's image or depth map,
+    /// whichever goes with the principal point
+    #[arg(long, value_name = "WxH")]
+    camera_size: Option<Size>,
     /// Fusion: leave out pixels below this confidence
     #[arg(long)]
     min_confidence: Option<f32>,

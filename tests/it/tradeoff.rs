@@ -155,6 +155,10 @@ fn without_the_inputs_of_a_stage_it_says_what_is_missing() {
         (&[][..], "expected the inputs of a stage"),
         (&["--scene", "s"], "--scene: goes with --depths, which"),
         (&["--depths", "d"], "--depths: goes with --scene, which"),
+        (
+            &["--camera-size", "8x8"],
+            "--camera-size: goes with --scene, which",
+        ),
         (&["--crop", "c"], "--crop: goes with --truth, which"),
         (
             &["--mesh", "m", "--size", "8x8"],
@@ -328,4 +332,59 @@ fn fused_clouds_are_scored_against_a_mesh_by_its_area() {
     };
     let (scan, mesh) = (of("input/truth.ply"), of("input/mesh.obj"));
     assert!(scan > 0.5 && (scan - mesh).abs() < 0.1, "{scan} {mesh}");
+}
+
+/// Cams of images that are cut on the left and at the top: nothing but the option says how large they are.
+#[test]
+fn fusion_takes_the_size_that_cams_are_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (depths, scene) = (at("depth"), at("scene"));
+    fs::create_dir_all(scene.join("cams")).unwrap();
+    fs::create_dir_all(&depths).unwrap();
+    for id in 0..6 {
+        let cam = format!(
+            "extrinsic\n1 0 0 {}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n60 0 12\n0 60 8\n0 0 1\n\n1 0.01 192 4\n",
+            -0.05 * f64::from(id)
+        );
+        fs::write(scene.join(format!("cams/{id:08}_cam.txt")), cam).unwrap();
+        let mut map = b"Pf\n64 48\n-1\n".to_vec();
+        map.extend((0..64 * 48).flat_map(|_| 2.0f32.to_le_bytes()));
+        fs::write(depths.join(format!("{id:08}.pfm")), map).unwrap();
+    }
+    let pairs = (0..6).map(|id| {
+        let others: String = (0..6)
+            .filter(|&other| other != id)
+            .map(|other| format!(" {other} 1"))
+            .collect();
+        format!("{id}\n5{others}\n")
+    });
+    fs::write(
+        scene.join("cams/pair.txt"),
+        format!("6\n{}", pairs.collect::<String>()),
+    )
+    .unwrap();
+    let run = |options: &[&str], out: &str| {
+        let out = at(out);
+        let fixed = [
+            "tradeoff",
+            "--scene",
+            text(&scene),
+            "--depths",
+            text(&depths),
+            "--repeats",
+            "1",
+        ];
+        mvs_eval(&[&fixed[..], &["--out", text(&out)], options].concat())
+    };
+    let asked = run(&[], "without");
+    assert_eq!(asked.status.code(), Some(2));
+    assert!(
+        stderr(&asked).contains("give the images' size, --camera-size"),
+        "{}",
+        stderr(&asked)
+    );
+    let ran = run(&["--camera-size", "64x48"], "with");
+    assert!(ran.status.success(), "{}", stderr(&ran));
+    assert_eq!(values(&at("with"), "fuse")[0].2, 1.0);
 }

@@ -129,6 +129,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
             confidence,
             out: scratch.folder().join("cloud.ply"),
             pixel_center: job.pixel_center,
+            camera_size: job.camera_size,
             fuse: FuseOptions {
                 min_confidence: job.min_confidence,
                 ..setting.options

@@ -45,6 +45,9 @@ pub struct TradeoffJob {
     pub depths: Option<PathBuf>,
     /// Fusion: the folder of confidence maps.
     pub confidence: Option<PathBuf>,
+    /// Fusion: the image size that the cams of `scene` are for; by default that of a view's image or depth map.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_size: Option<Size>,
     /// Fusion: pixels below this confidence are left out.
     pub min_confidence: f32,
     /// Fusion: the cloud or mesh that fused clouds are scored against; the exact setting's cloud without.
@@ -80,6 +83,7 @@ impl Default for TradeoffJob {
             scene: None,
             depths: None,
             confidence: None,
+            camera_size: None,
             min_confidence: crate::fuse::FuseOptions::default().min_confidence,
             fuse_truth: None,
             mesh: Vec::new(),
@@ -111,6 +115,7 @@ impl TradeoffJob {
                 path(&self.depths, "--depths"),
                 path(&self.confidence, "--confidence"),
                 path(&self.fuse_truth, "--fuse-truth"),
+                (self.camera_size.is_some(), "--camera-size"),
             ],
             &[
                 (!self.mesh.is_empty(), "--mesh"),
