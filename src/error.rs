@@ -20,6 +20,14 @@ pub enum Error {
         /// Expected, found, what to do.
         problem: String,
     },
+    /// Fusion keeps no point of what it was given.
+    #[error("{what}: {problem}")]
+    NoPoints {
+        /// The folder of the depth maps.
+        what: String,
+        /// What became of the pixels.
+        problem: String,
+    },
     /// An output is there already.
     #[error("{}: already exists; give --force to replace it", path.display())]
     Exists {

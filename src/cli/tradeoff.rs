@@ -11,7 +11,8 @@ use std::path::PathBuf;
 ///
 /// Runs a grid of settings and writes tradeoff.csv (CPU time, peak memory, result and difference
 /// from the exact setting, Pareto front marked), tradeoff.svg and tradeoff.md (a sentence per knob).
-/// A stage is measured where its inputs are given. Peak memory is the whole process's, with the inputs and
+/// A stage is measured where its inputs are given; those of all stages are read before the first is measured. Fusing that
+/// keeps no point has F = 0. Peak memory is the whole process's, with the inputs and
 /// what earlier settings left with it: a setting that needs less than that shows no less. Scoring thins queries only, never clouds. Run it
 /// on a quiet machine: times are measurements.
 ///
@@ -62,7 +63,7 @@ pub(crate) struct TradeoffArgs {
     /// Rendering: the image size that the cameras are for
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
-    /// Blending: a generated scene folder with its input and rendered images
+    /// Blending: a scene folder that was generated with --extras input-images,rendered-images
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
     /// Where the cams put the centre of the top-left pixel

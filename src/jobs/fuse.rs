@@ -174,6 +174,19 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     Ok(outcome)
 }
 
+/// Reads all that [`run`] reads, and refuses of it what that would refuse.
+pub(super) fn check_inputs(job: &FuseJob, context: &Context<'_>) -> Result<()> {
+    job.check()?;
+    let maps = FolderMaps::open(job, &[], context)?;
+    for index in 0..maps.count() {
+        context.progress.check()?;
+        maps.depth(index)?;
+        maps.confidence(index)?;
+        maps.image(index)?;
+    }
+    Ok(())
+}
+
 /// Checks each of the files that a command writes, before the work; no two may be one file.
 fn check_out_files(paths: &[&Path], force: bool) -> Result<()> {
     for (index, path) in paths.iter().enumerate() {
@@ -328,7 +341,10 @@ fn nothing(job: &FuseJob, views: usize, counts: &FuseCounts) -> Error {
     } else {
         &job.depths
     };
-    Error::invalid(place.display().to_string(), problem)
+    Error::NoPoints {
+        what: place.display().to_string(),
+        problem,
+    }
 }
 
 /// The first 16 hexadecimal digits of BLAKE3 over the options of fusion, as TOML, and the voxels' edge.

@@ -1,6 +1,6 @@
 //! `mvs-eval tradeoff`: what it says of errors is what the stages say themselves.
 
-use crate::support::{mvs_eval, stderr, text};
+use crate::support::{mvs_eval, stderr, text, write};
 use mvs_datasets::layout::files;
 use std::collections::BTreeMap;
 use std::fs;
@@ -239,33 +239,6 @@ fn cloud(points: &[[f64; 3]]) -> String {
     )
 }
 
-#[test]
-fn points_of_the_fused_truth_that_are_not_finite_are_left_out_and_told_of() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let truth = files::read_positions(Path::new(&of_demo("input/truth.ply"))).unwrap();
-    let points: Vec<[f64; 3]> = truth.iter().step_by(50).map(|p| p.to_array()).collect();
-    fs::write(at("truth.ply"), cloud(&points)).unwrap();
-    let with_nan = [&points[..], &[[f64::NAN, 0.0, 0.0]]].concat();
-    fs::write(at("nan.ply"), cloud(&with_nan)).unwrap();
-    let measured = |truth: &str| {
-        let out = at(&format!("out-{truth}"));
-        let ran = fusion(&["--tau", "0.05", "--fuse-truth", text(&at(truth))], &out);
-        assert!(ran.status.success(), "{}", stderr(&ran));
-        (values(&out, "fuse"), stderr(&ran))
-    };
-    let (whole, silent) = measured("truth.ply");
-    let (kept, told) = measured("nan.ply");
-    assert_eq!(whole, kept);
-    assert!(whole[0].2 > 0.0, "{whole:?}");
-    let expected = format!(
-        "1 of {} points of the truth are at NaN or infinity; they are dropped",
-        with_nan.len()
-    );
-    assert!(told.contains(&expected), "{told}");
-    assert!(!silent.contains("at NaN"), "{silent}");
-}
-
 /// A unit square as a PLY of two triangles, `side` long, in the plane z = `height`.
 fn square(side: f64, height: f64) -> String {
     format!(
@@ -279,10 +252,10 @@ fn square(side: f64, height: f64) -> String {
 fn meshes_are_scored_by_their_area_as_by_score() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    fs::write(at("truth.ply"), square(1.0, 0.0)).unwrap();
-    fs::write(at("half.ply"), square(0.5, 0.004)).unwrap();
+    write(&at("truth.ply"), square(1.0, 0.0));
+    write(&at("half.ply"), square(0.5, 0.004));
     // The reconstruction's unit is two of the truth's.
-    fs::write(at("twice.txt"), "2 0 0 0.3\n0 2 0 0.3\n0 0 2 0\n0 0 0 1\n").unwrap();
+    write(&at("twice.txt"), "2 0 0 0.3\n0 2 0 0.3\n0 0 2 0\n0 0 0 1\n");
     let paths = ["truth.ply", "half.ply", "twice.txt"].map(|name| text(&at(name)).to_owned());
     let [truth, half, twice] = &paths;
     let inputs = [
@@ -322,16 +295,27 @@ fn meshes_are_scored_by_their_area_as_by_score() {
 }
 
 #[test]
-fn fused_clouds_are_scored_against_a_mesh_by_its_area() {
+fn fused_clouds_are_scored_against_a_mesh_by_its_area_and_a_scan_by_its_finite_points() {
     let folder = tempfile::tempdir().unwrap();
-    let of = |truth: &str| {
-        let out = folder.path().join(truth.replace('/', "-"));
-        let ran = fusion(&["--tau", "0.05", "--fuse-truth", &of_demo(truth)], &out);
+    let at = |name: &str| folder.path().join(name);
+    let scan = files::read_positions(Path::new(&of_demo("input/truth.ply"))).unwrap();
+    let mut points: Vec<[f64; 3]> = scan.iter().map(|point| point.to_array()).collect();
+    points.push([f64::NAN, 0.0, 0.0]);
+    write(&at("nan.ply"), cloud(&points));
+    let of = |truth: &str, out: &str| {
+        let ran = fusion(&["--tau", "0.05", "--fuse-truth", truth], &at(out));
         assert!(ran.status.success(), "{}", stderr(&ran));
-        values(&out, "fuse")[0].2
+        (values(&at(out), "fuse")[0].2, stderr(&ran))
     };
-    let (scan, mesh) = (of("input/truth.ply"), of("input/mesh.obj"));
+    let (scan, told) = of(text(&at("nan.ply")), "scan");
+    let dropped = format!(
+        "1 of {} points of the truth are at NaN or infinity; they are dropped",
+        points.len()
+    );
+    assert!(told.contains(&dropped), "{told}");
+    let (mesh, told) = of(&of_demo("input/mesh.obj"), "mesh");
     assert!(scan > 0.5 && (scan - mesh).abs() < 0.1, "{scan} {mesh}");
+    assert!(told.contains("the truth is a mesh"), "{told}");
 }
 
 /// Cams of images that are cut on the left and at the top: nothing but the option says how large they are.
@@ -347,10 +331,10 @@ fn fusion_takes_the_size_that_cams_are_for() {
             "extrinsic\n1 0 0 {}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n60 0 12\n0 60 8\n0 0 1\n\n1 0.01 192 4\n",
             -0.05 * f64::from(id)
         );
-        fs::write(scene.join(format!("cams/{id:08}_cam.txt")), cam).unwrap();
+        write(&scene.join(format!("cams/{id:08}_cam.txt")), cam);
         let mut map = b"Pf\n64 48\n-1\n".to_vec();
         map.extend((0..64 * 48).flat_map(|_| 2.0f32.to_le_bytes()));
-        fs::write(depths.join(format!("{id:08}.pfm")), map).unwrap();
+        write(&depths.join(format!("{id:08}.pfm")), map);
     }
     let pairs = (0..6).map(|id| {
         let others: String = (0..6)
@@ -359,11 +343,10 @@ fn fusion_takes_the_size_that_cams_are_for() {
             .collect();
         format!("{id}\n5{others}\n")
     });
-    fs::write(
-        scene.join("cams/pair.txt"),
+    write(
+        &scene.join("cams/pair.txt"),
         format!("6\n{}", pairs.collect::<String>()),
-    )
-    .unwrap();
+    );
     let run = |options: &[&str], out: &str| {
         let out = at(out);
         let fixed = [
@@ -387,4 +370,131 @@ fn fusion_takes_the_size_that_cams_are_for() {
     let ran = run(&["--camera-size", "64x48"], "with");
     assert!(ran.status.success(), "{}", stderr(&ran));
     assert_eq!(values(&at("with"), "fuse")[0].2, 1.0);
+}
+
+/// A confidence map of squares of one pixel that are kept and left out by turns: of four neighbours the least is
+/// never kept, so smaller maps keep nothing.
+fn checkerboard((width, height): (usize, usize)) -> Vec<u8> {
+    let mut map = format!("Pf\n{width} {height}\n-1\n").into_bytes();
+    let value = |index: usize| {
+        if (index % width + index / width).is_multiple_of(2) {
+            1.0f32
+        } else {
+            0.0
+        }
+    };
+    map.extend((0..width * height).flat_map(|index| value(index).to_le_bytes()));
+    map
+}
+
+#[test]
+fn a_setting_that_keeps_no_point_is_a_row_with_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (confidence, out) = (folder.path().join("confidence"), folder.path().join("out"));
+    fs::create_dir(&confidence).unwrap();
+    for id in 0..8 {
+        write(
+            &confidence.join(format!("{id:08}.pfm")),
+            checkerboard((128, 96)),
+        );
+    }
+    let given = ["--confidence", text(&confidence), "--min-confidence", "0.5"];
+    let ran = fusion(&given, &out);
+    assert!(ran.status.success(), "{}", stderr(&ran));
+    let rows = values(&out, "fuse");
+    assert_eq!(rows[0].2, 1.0);
+    let told = stderr(&ran);
+    for size in ["a half", "a quarter"] {
+        let row = rows.iter().find(|(_, setting, _)| setting == size);
+        assert_eq!(row.unwrap().2, 0.0, "{rows:?}");
+        let expected = format!("fusing with map size {size}: no pixel of 8 depth maps passed");
+        assert!(told.contains(&expected), "{told}");
+    }
+    assert!(!told.contains("scratch"), "{told}");
+    // Where even the exact setting keeps nothing, so that there is no truth either.
+    let none = [
+        "--confidence",
+        text(&confidence),
+        "--min-confidence",
+        "2",
+        "--force",
+    ];
+    let ran = fusion(&none, &out);
+    assert!(ran.status.success(), "{}", stderr(&ran));
+    assert!(
+        stderr(&ran).contains("which are held against it: give --fuse-truth"),
+        "{}",
+        stderr(&ran)
+    );
+    assert!(values(&out, "fuse").iter().all(|row| row.2 == 0.0));
+}
+
+#[test]
+fn what_a_stage_lacks_is_said_before_the_first_is_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let (truth, depths) = (of_demo("input/truth.ply"), of_demo("estimates/depth"));
+    let scored = [
+        "tradeoff",
+        "--truth",
+        &truth,
+        "--reconstruction",
+        &truth,
+        "--out",
+        text(&out),
+    ];
+    let refused = |inputs: &[&str], expected: &str| {
+        let ran = mvs_eval(&[&scored[..], inputs].concat());
+        assert_eq!(ran.status.code(), Some(2), "{}", stderr(&ran));
+        assert!(stderr(&ran).contains(expected), "{}", stderr(&ran));
+        let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
+        assert!(left.is_empty(), "{left:?}");
+    };
+    let dataset = tempfile::tempdir().unwrap();
+    for part in [
+        "cams",
+        "rendered_depth_maps",
+        "blended_images",
+        "input_images",
+    ] {
+        let (from, to) = (demo().1.join(part), dataset.path().join(part));
+        fs::create_dir(&to).unwrap();
+        for file in fs::read_dir(from).unwrap() {
+            let file = file.unwrap();
+            fs::copy(file.path(), to.join(file.file_name())).unwrap();
+        }
+    }
+    let extras = "`mvs-eval generate --extras input-images,rendered-images`";
+    refused(&["--dataset", text(dataset.path())], extras);
+    // A map that is cut short, and one of confidence that is missing.
+    let broken = tempfile::tempdir().unwrap();
+    for file in fs::read_dir(&depths).unwrap() {
+        let file = file.unwrap();
+        fs::copy(file.path(), broken.path().join(file.file_name())).unwrap();
+    }
+    let last = broken.path().join("00000007.pfm");
+    let whole = fs::read(&last).unwrap();
+    write(&last, &whole[..whole.len() - 4]);
+    let scene = text(demo().1);
+    refused(
+        &["--scene", scene, "--depths", text(broken.path())],
+        "00000007.pfm",
+    );
+    fs::remove_file(&last).unwrap();
+    let confidence = [
+        "--scene",
+        scene,
+        "--depths",
+        &depths,
+        "--confidence",
+        text(broken.path()),
+    ];
+    refused(&confidence, "00000007.pfm");
+    let mesh = broken.path().join("mesh.obj");
+    write(&mesh, "v 0 0 0\n");
+    let cameras = of_demo("input/cams");
+    refused(
+        &["--mesh", text(&mesh), "--cameras", &cameras],
+        "expected a mesh",
+    );
 }

@@ -3,22 +3,40 @@
 use super::rows::{Measured, Row, rows};
 use super::{TradeoffJob, clock, picked, rmse};
 use crate::blend::{BlendMode, BlendOptions, blend};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use mvs_datasets::layout::blended::BlendedFolder;
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, Mask, View};
 
-/// Blends some views of a generated scene at every setting.
-pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>> {
+/// The rendering, the photograph and where there is surface.
+type Input = (ColorImage, ColorImage, Mask);
+
+/// The views to blend; none without a scene.
+fn read(job: &TradeoffJob) -> Result<Vec<Input>> {
     let Some(path) = &job.dataset else {
         return Ok(Vec::new());
     };
     let folder = BlendedFolder::new(path);
     let scene = folder.read_scene(None)?;
-    let inputs: Vec<(ColorImage, ColorImage, Mask)> = picked(scene.views(), job.views)
-        .map(|view| read(&folder, view))
-        .collect::<Result<_>>()?;
+    let views = picked(scene.views(), job.views);
+    views.map(|view| read_view(&folder, view)).collect()
+}
+
+/// Refuses what [`run`] would, before anything is measured.
+pub(super) fn check(job: &TradeoffJob) -> Result<()> {
+    for (rendered, photograph, mask) in read(job)? {
+        blend(&rendered, &photograph, &mask, &BlendOptions::default())?;
+    }
+    Ok(())
+}
+
+/// Blends some views of a generated scene at every setting.
+pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let inputs = read(job)?;
+    if inputs.is_empty() {
+        return Ok(Vec::new());
+    }
     let with = |d0, mode| BlendOptions {
         d0,
         mode,
@@ -56,7 +74,7 @@ pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>
     for (knob, setting, options) in settings {
         progress.check()?;
         let (images, cost) = clock::measure(job.repeats, || {
-            let one = |(rendered, photograph, mask): &(ColorImage, ColorImage, Mask)| {
+            let one = |(rendered, photograph, mask): &Input| {
                 crate::blend::masked(&blend(rendered, photograph, mask, &options)?, mask)
             };
             inputs.iter().map(one).collect::<Result<Vec<_>>>()
@@ -77,13 +95,17 @@ pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>
     Ok(rows(("blend", "RMSE"), measured, |knob, _| knob == "exact"))
 }
 
-/// The rendering, the photograph and where there is surface.
-fn read(folder: &BlendedFolder, view: &View) -> Result<(ColorImage, ColorImage, Mask)> {
-    let rendered = files::read_image(&folder.rendered_image(view.id))?;
-    let photograph = files::read_image(&folder.input_image(view.id))?;
+fn read_view(folder: &BlendedFolder, view: &View) -> Result<Input> {
+    let paths = [folder.rendered_image(view.id), folder.input_image(view.id)];
+    if let Some(missing) = paths.iter().find(|path| !path.is_file()) {
+        let problem = "expected the rendering and the photograph of each view, found none here: they are \
+                       written by `mvs-eval generate --extras input-images,rendered-images`";
+        return Err(Error::invalid(missing.display().to_string(), problem));
+    }
+    let [rendered, photograph] = paths.map(|path| files::read_image(&path));
     let (depth, _) = folder.read_depth(view.id)?;
     let (width, height) = depth.size();
     let inside = depth.values().iter().map(|&depth| depth > 0.0).collect();
     let mask = Mask::from_values(width, height, inside)?;
-    Ok((rendered, photograph, mask))
+    Ok((rendered?, photograph?, mask))
 }

@@ -16,8 +16,9 @@ use super::score::Draw;
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
-use crate::provenance::Run;
+use crate::provenance::{Inputs, Run};
 use crate::score::sample::MeshAs;
+use crate::warning::Warnings;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::scene::{ColorImage, View};
 use mvs_metrics::Tolerance;
@@ -183,11 +184,13 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     }
     Tolerance::new(job.tau).map_err(|error| Error::invalid("--tau", error.to_string()))?;
     job.check_stages()?;
-    let out = OutDir::create(
-        &job.out,
-        Run::new("tradeoff", job, &OutDir::inputs(&job.out, &job.inputs())?)?,
-        context.force,
-    )?;
+    super::require("tradeoff", &[("--out", &[&job.out], "a folder to write")])?;
+    let inputs = OutDir::inputs(&job.out, &job.inputs())?;
+    let blank = Run::new("tradeoff", job, &Inputs::default())?;
+    OutDir::check_again(&job.out, &blank, context.force)?;
+    check_inputs(job, context)?;
+    let run = Run::new("tradeoff", job, &inputs)?;
+    let out = OutDir::create(&job.out, run, context.force)?;
     if !clock::tells_cpu_time() {
         let message = "this system does not tell CPU times; wall-clock times are written instead";
         context.warnings.add("wall-clock", message.to_owned());
@@ -206,6 +209,21 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     })?;
     out.finish()?;
     Ok(rows)
+}
+
+/// Reads the inputs of all stages before the first is measured, so that none is lost by what a later one lacks.
+/// They are let go of again: memory that one stage's inputs take is not to count as another's.
+fn check_inputs(job: &TradeoffJob, context: &Context<'_>) -> Result<()> {
+    let said_again = Warnings::default();
+    let context = &Context {
+        warnings: &said_again,
+        ..*context
+    };
+    // The quickest first.
+    blend::check(job)?;
+    score::check(job, context)?;
+    render::check(job, context)?;
+    fuse::check(job, context)
 }
 
 /// At most `most` of the views, spread evenly.

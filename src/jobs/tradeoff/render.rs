@@ -7,19 +7,34 @@ use crate::jobs::Context;
 use crate::jobs::cameras::{self, CameraOptions};
 use crate::jobs::meshes::{MeshOptions, read_mesh};
 use crate::render::{RenderOptions, Renderer};
+use mvs_datasets::layout::mesh::LoadedMesh;
 use mvs_datasets::scene::{ColorImage, View};
 
 const EXACT: u32 = 64;
 
-/// Renders some views of the scene at every setting.
-pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
+/// The views to render and the mesh.
+fn read(job: &TradeoffJob, context: &Context<'_>) -> Result<Option<(Vec<View>, LoadedMesh)>> {
     let Some(path) = job.cameras.as_ref().filter(|_| !job.mesh.is_empty()) else {
-        return Ok(Vec::new());
+        return Ok(None);
     };
     let camera = CameraOptions::default();
     let scene = cameras::read(path, (job.pixel_center, &camera), job.size, context)?;
-    let views: Vec<View> = picked(scene.views(), job.views).cloned().collect();
+    let views = picked(scene.views(), job.views).cloned().collect();
     let loaded = read_mesh(&job.mesh, &MeshOptions::default(), context)?;
+    Ok(Some((views, loaded)))
+}
+
+/// Refuses what [`run`] would, before anything is measured.
+pub(super) fn check(job: &TradeoffJob, context: &Context<'_>) -> Result<()> {
+    let read = read(job, context)?;
+    read.map_or(Ok(()), |(_, loaded)| Renderer::new(&loaded.mesh).map(drop))
+}
+
+/// Renders some views of the scene at every setting.
+pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
+    let Some((views, loaded)) = read(job, context)? else {
+        return Ok(Vec::new());
+    };
     let renderer = Renderer::new(&loaded.mesh)?;
     let settings = [
         ("exact", "64 samples", EXACT, 1),

@@ -79,17 +79,17 @@ fn settings() -> Vec<(&'static str, String, Setting)> {
     all
 }
 
-/// Measures every setting: preparing both clouds and the distances both ways.
-pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
+/// The clouds and what happens to them.
+fn read(job: &TradeoffJob, context: &Context<'_>) -> Result<Option<Pair>> {
     let (Some(truth), Some(reconstruction)) = (&job.truth, &job.reconstruction) else {
-        return Ok(Vec::new());
+        return Ok(None);
     };
     let motion = job.transform.as_deref().map(files::read_similarity);
     let motion = motion.transpose()?.map(|similarity| similarity.matrix());
     let scale = || Ok(motion.map_or(1.0, tnt::scale_of));
     let crop = job.crop.as_deref().map(files::read_crop).transpose()?;
     let warnings = context.warnings;
-    let pair = Pair {
+    Ok(Some(Pair {
         truth: read_truth(truth, job.draw(), warnings)?.0,
         reconstruction: read_reconstruction(reconstruction, job.draw(), scale, warnings)?.0,
         motion,
@@ -98,6 +98,21 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
             voxel: None,
         },
         tolerance: Tolerance::new(job.tau)?,
+    }))
+}
+
+/// Refuses what [`run`] would, before anything is measured.
+pub(super) fn check(job: &TradeoffJob, context: &Context<'_>) -> Result<()> {
+    if let Some(pair) = read(job, context)? {
+        pair.preparation.apply_to_truth(&pair.truth)?;
+    }
+    Ok(())
+}
+
+/// Measures every setting: preparing both clouds and the distances both ways.
+pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
+    let Some(pair) = read(job, context)? else {
+        return Ok(Vec::new());
     };
     let (settings, progress) = (settings(), context.progress);
     progress.begin("score settings", settings.len() as u64);
