@@ -6,10 +6,12 @@ use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
 use crate::jobs::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
+use crate::jobs::score::{Draw, read_truth};
 use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
 use crate::score::plain::{Preparation, evaluate};
+use crate::score::sample::MeshAs;
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
 use mvs_metrics::{Score, Tolerance};
@@ -89,7 +91,7 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     check_out_files(&[&job.out, &run_file], context.force)?;
     let all = combinations(job);
     all.iter().try_for_each(FuseOptions::check)?;
-    let truth = read_truth(job)?;
+    let truth = truth_of(job, context)?;
     let own = [job.out.clone(), run_file.clone()];
     let mut folder = FolderMaps::open(&job.fuse, replaced(&own, &run_file, "sweep"), context)?;
     let others = [&job.fuse.crop, &job.truth].into_iter().flatten();
@@ -131,12 +133,18 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     Ok(outcome)
 }
 
-fn read_truth(job: &SweepJob) -> Result<Option<(FinitePoints, Tolerance)>> {
+/// The truth as `score` reads it by default: a mesh is sampled by area.
+fn truth_of(job: &SweepJob, context: &Context<'_>) -> Result<Option<(FinitePoints, Tolerance)>> {
     let Some(path) = &job.truth else {
         return Ok(None);
     };
     let tau = Tolerance::new(job.tau)?;
-    let points = FinitePoints::new(files::read_positions(path)?);
+    let draw = Draw {
+        how: MeshAs::default(),
+        tau: tau.get(),
+        seed: 0,
+    };
+    let (points, ..) = read_truth(path, draw, context.warnings)?;
     Ok(Some((points, tau)))
 }
 

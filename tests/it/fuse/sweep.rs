@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::support::{mvs_eval, stderr, text};
+use mvs_datasets::format::ply::{self, PlyOptions};
 use mvs_eval::jobs::score::{self, ScoreJob};
 
 #[test]
@@ -88,25 +89,41 @@ fn a_sweep_reads_once_and_each_line_is_what_fusing_gives() {
     ) = (1.0, 2, 0.5);
     one.out = folder.path().join("one.ply");
     fuse(&one, true).unwrap();
-    let alone = score::run(
-        &ScoreJob {
-            truth: job.truth,
-            reconstruction: one.out,
-            crop: Some(crop),
-            voxel: Some(0.01),
-            tau: vec![0.02],
-            out: folder.path().join("score"),
-            ..ScoreJob::default()
-        },
-        &context,
-    )
+    let mesh = folder.path().join("mesh.ply");
+    files::write_atomically(&mesh, |out| {
+        ply::write_mesh(out, scene.mesh(), &PlyOptions::default())
+    })
     .unwrap();
-    let found = row.score.unwrap();
-    assert_eq!(
-        (found.precision(), found.recall()),
-        (alone.precision, alone.recall)
-    );
-    assert!(alone.recall > 0.5 && row.points < outcome.rows[1].points / 2);
+    assert!(row.points < outcome.rows[1].points / 2);
+    // A mesh is sampled, as `score` samples it.
+    for (name, truth) in [("score", job.truth), ("score-mesh", Some(mesh))] {
+        let alone = score::run(
+            &ScoreJob {
+                truth: truth.clone(),
+                reconstruction: one.out.clone(),
+                crop: Some(crop.clone()),
+                voxel: Some(0.01),
+                tau: vec![0.02],
+                out: folder.path().join(name),
+                ..ScoreJob::default()
+            },
+            &context,
+        )
+        .unwrap();
+        let again = SweepJob {
+            truth,
+            out: folder.path().join(format!("{name}.csv")),
+            ..cropped.clone()
+        };
+        let row = sweep_job::run(&again, &context).unwrap().rows.remove(0);
+        let found = row.score.unwrap();
+        assert_eq!(
+            (found.precision(), found.recall()),
+            (alone.precision, alone.recall),
+            "{name}"
+        );
+        assert!(alone.recall > 0.5, "{name}");
+    }
 }
 
 #[test]
