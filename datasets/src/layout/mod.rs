@@ -9,6 +9,7 @@ pub mod files;
 mod materials;
 pub mod mesh;
 pub mod mesh_out;
+mod model;
 pub mod mvsnet;
 mod numbers;
 pub mod scratch;

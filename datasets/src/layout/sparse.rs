@@ -1,9 +1,8 @@
 //! A COLMAP model with its points: which view saw which.
 
-use super::cameras::{
-    self, CamerasOptions, colmap_ending, model_place, read_images, read_model, read_points,
-};
+use super::cameras::CamerasOptions;
 use super::files;
+use super::model::{self, colmap_ending, model_place, read_images, read_model, read_points};
 use crate::error::{Error, Result};
 use crate::format::colmap;
 use crate::scene::View;
@@ -92,7 +91,7 @@ pub fn registered_names(path: &Path) -> Result<Vec<String>> {
 /// [`registered_names`].
 pub fn model_files(path: &Path) -> Result<Vec<PathBuf>> {
     let place = place_of(path)?;
-    let files = cameras::model_files(&place).into_iter();
+    let files = model::model_files(&place).into_iter();
     let files = files.chain([frames_file(&place)]);
     Ok(files.filter(|path| path.is_file()).collect())
 }

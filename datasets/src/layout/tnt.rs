@@ -1,7 +1,7 @@
 //! A Tanks and Temples scene folder.
 
 use super::numbers::number_of;
-use super::{cameras, files};
+use super::{files, model};
 use crate::error::{Error, FormatError, Result};
 use crate::format::colmap::{self, ColmapImage};
 use crate::format::log::{self, LogPose, Mapping};
@@ -114,8 +114,8 @@ pub fn read_trajectory(path: &Path) -> Result<Vec<LogPose>> {
 /// The file of images of the COLMAP model at `path`, which is a folder with a model as
 /// [`super::cameras::read_scene`] finds it; `None` where there is no model.
 pub fn model_images(path: &Path) -> Option<PathBuf> {
-    let place = cameras::model_place(path)?;
-    let ending = cameras::colmap_ending(&place)?;
+    let place = model::model_place(path)?;
+    let ending = model::colmap_ending(&place)?;
     Some(place.join(format!("images.{ending}")))
 }
 

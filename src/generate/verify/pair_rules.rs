@@ -77,82 +77,94 @@ fn entries_of(
     cams: &BTreeSet<u32>,
     findings: &mut Vec<Finding>,
 ) {
-    let at = |id: u32| format!("cams/pair.txt, view {id}");
     for (&id, sources) in entries {
-        let mut fault = |code: &str, message: String| {
-            findings.push(Finding::fault(code, at(id), message));
-        };
-        if !cams.contains(&id) {
-            fault(
-                "pair-without-camera",
-                format!(
-                    "expected a camera for the view, found no {}",
-                    file_name(id, "_cam.txt")
-                ),
-            );
-        }
-        if sources.is_empty() || sources.len() > MOST_SOURCES {
-            fault(
-                "source-count",
-                format!(
-                    "expected 1 to {MOST_SOURCES} source views, found {}",
-                    sources.len()
-                ),
-            );
-        }
-        if sources.iter().any(|&(source, _)| source == id) {
-            fault(
-                "source-is-itself",
-                "expected other views as sources, found the view itself".to_owned(),
-            );
-        }
-        let mut seen = BTreeSet::new();
-        if let Some((source, _)) = sources.iter().find(|(source, _)| !seen.insert(*source)) {
-            fault(
-                "source-twice",
-                format!("expected each source view once, found {source} again"),
-            );
-        }
-        if let Some((source, _)) = sources
-            .iter()
-            .find(|(source, _)| !entries.contains_key(source))
-        {
-            fault(
-                "source-is-no-reference",
-                format!("expected every source to be a reference too, found {source}"),
-            );
-        }
-        if let Some((source, score)) = sources
-            .iter()
-            .find(|(_, score)| score.is_nan() || *score <= 0.0)
-        {
-            fault(
-                "score-zero",
-                format!("expected scores above 0, found {score} for source {source}"),
-            );
-        }
-        if sources.windows(2).any(|two| two[0].1 < two[1].1) {
-            fault(
-                "score-order",
-                "expected falling scores, found a rise".to_owned(),
-            );
-        }
-        for &(source, score) in sources {
-            let back = entries
-                .get(&source)
-                .into_iter()
-                .flatten()
-                .find(|(other, _)| *other == id);
-            if back.is_some_and(|(_, other)| (other - score).abs() > 1e-3 * score.abs()) {
-                let message = format!(
-                    "expected the same score in both directions, found another for {source}"
-                );
-                findings.push(Finding::advice("score-asymmetric", at(id), message));
-            }
-        }
+        entry_of(entries, (id, sources), cams, findings);
     }
     for id in cams.iter().filter(|id| !entries.contains_key(id)) {
         let message = "expected every view to be a reference, found none in pair.txt";
-        findings.push(Finding::fault("view-without-pairs", at(*id), message));
+        findings.push(Finding::fault("view-without-pairs", place_of(*id), message));
+    }
+}
+
+fn place_of(id: u32) -> String {
+    format!("cams/pair.txt, view {id}")
+}
+
+/// One view's sources.
+fn entry_of(
+    entries: &BTreeMap<u32, Vec<(u32, f64)>>,
+    (id, sources): (u32, &[(u32, f64)]),
+    cams: &BTreeSet<u32>,
+    findings: &mut Vec<Finding>,
+) {
+    let mut fault = |code: &str, message: String| {
+        findings.push(Finding::fault(code, place_of(id), message));
+    };
+    if !cams.contains(&id) {
+        fault(
+            "pair-without-camera",
+            format!(
+                "expected a camera for the view, found no {}",
+                file_name(id, "_cam.txt")
+            ),
+        );
+    }
+    if sources.is_empty() || sources.len() > MOST_SOURCES {
+        fault(
+            "source-count",
+            format!(
+                "expected 1 to {MOST_SOURCES} source views, found {}",
+                sources.len()
+            ),
+        );
+    }
+    if sources.iter().any(|&(source, _)| source == id) {
+        fault(
+            "source-is-itself",
+            "expected other views as sources, found the view itself".to_owned(),
+        );
+    }
+    let mut seen = BTreeSet::new();
+    if let Some((source, _)) = sources.iter().find(|(source, _)| !seen.insert(*source)) {
+        fault(
+            "source-twice",
+            format!("expected each source view once, found {source} again"),
+        );
+    }
+    if let Some((source, _)) = sources
+        .iter()
+        .find(|(source, _)| !entries.contains_key(source))
+    {
+        fault(
+            "source-is-no-reference",
+            format!("expected every source to be a reference too, found {source}"),
+        );
+    }
+    if let Some((source, score)) = sources
+        .iter()
+        .find(|(_, score)| score.is_nan() || *score <= 0.0)
+    {
+        fault(
+            "score-zero",
+            format!("expected scores above 0, found {score} for source {source}"),
+        );
+    }
+    if sources.windows(2).any(|two| two[0].1 < two[1].1) {
+        fault(
+            "score-order",
+            "expected falling scores, found a rise".to_owned(),
+        );
+    }
+    for &(source, score) in sources {
+        let back = entries
+            .get(&source)
+            .into_iter()
+            .flatten()
+            .find(|(other, _)| *other == id);
+        if back.is_some_and(|(_, other)| (other - score).abs() > 1e-3 * score.abs()) {
+            let message =
+                format!("expected the same score in both directions, found another for {source}");
+            findings.push(Finding::advice("score-asymmetric", place_of(id), message));
+        }
     }
 }

@@ -1,5 +1,6 @@
 use super::*;
-use crate::scene::Distortion;
+use crate::scene::{DepthRange, Distortion};
+use glam::DVec3;
 use std::io::Write;
 
 fn put(path: &Path, text: &str) {
