@@ -9,8 +9,8 @@ use std::path::PathBuf;
 /// Compare two sets of records and exit with 1 when a score became worse
 ///
 /// A difference counts when it is larger than the records' confidence intervals allow (see
-/// `score --bootstrap`, which says where they are too narrow) and larger than --tolerance. A score that failed its gates counts as none: what
-/// passed them before is lost then, which is worse.
+/// `score --bootstrap`, which says where they are too narrow) and larger than --tolerance. A score that
+/// failed its gates counts as none: what passed them before is lost then, which is worse.
 ///
 /// Sets of different protocols or profiles, and scores of one cell against different truths, in different
 /// crops or with different samplings of meshes, are refused unless --mix is given.

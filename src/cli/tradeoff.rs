@@ -11,9 +11,10 @@ use std::path::PathBuf;
 ///
 /// Runs a grid of settings and writes tradeoff.csv (CPU time, peak memory, result and difference
 /// from the exact setting, Pareto front marked), tradeoff.svg and tradeoff.md (a sentence per knob).
-/// A stage is measured where its inputs are given; those of all stages are read before the first is measured. Fusing that
-/// keeps no point has F = 0. Peak memory is the whole process's, with the inputs and
-/// what earlier settings left with it: a setting that needs less than that shows no less. Scoring thins queries only, never clouds. Run it
+/// A stage is measured where its inputs are given; those of all stages are read before the first is
+/// measured. Fusing that keeps no point has F = 0. Peak memory is the whole process's, with the inputs and
+/// what earlier settings left with it: a setting that needs less than that shows no less. Scoring thins
+/// queries only, never clouds. Run it
 /// on a quiet machine: times are measurements.
 ///
 /// Example: mvs-eval tradeoff --truth truth.ply --reconstruction cloud.ply --tau 0.01 --out tradeoff

@@ -9,7 +9,8 @@ use std::path::PathBuf;
 ///
 /// Names what is wrong (half a pixel, swapped poses, scaled intrinsics, range instead of z-depth,
 /// shuffled pairs, a single view that does not fit, images moved against depths, missing files, bytes other
-/// than scene.json says were made, …), says how well the views agree, and exits with 1 when there is a fault. Works on anybody's data in that format.
+/// than scene.json says were made, …), says how well the views agree, and exits with 1 when there is a fault.
+/// Works on anybody's data in that format.
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct VerifyArgs {
     /// A scene folder, or a data set's root, whose scenes are all verified, listed ones too

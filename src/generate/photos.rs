@@ -29,7 +29,8 @@ pub trait Photographs: Sync {
 }
 
 /// Photographs in a folder: the file of the view's name; else one of that name with another ending, or, where
-/// the name has no image's ending, with one after it; else the same without the name's folder, or of the view's eight-digit id. For views whose name has a
+/// the name has no image's ending, with one after it; else the same without the name's folder, or of the view's
+/// eight-digit id. For views whose name has a
 /// folder the last two are looked for only where no view's photograph lies in such a folder, so that none
 /// is taken from another's.
 #[derive(Debug, Clone)]

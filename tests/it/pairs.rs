@@ -239,20 +239,26 @@ fn pairs_replace_pairs_and_nothing_that_is_read() {
     }
 }
 
+/// A scene of so many views of so many pixels, with its cameras as a COLMAP model.
+fn scene_of((views, width, height): (u32, u32, u32), model: &Path) -> SyntheticScene {
+    let options = SyntheticOptions {
+        views,
+        width,
+        height,
+        ..SyntheticOptions::default()
+    };
+    let scene = SyntheticScene::new(options).unwrap();
+    exports::write_colmap(model, scene.scene()).unwrap();
+    scene
+}
+
 /// A mesh whose faces are all wound the other way has no surface: that is said, not only that nothing is
 /// shared.
 #[test]
 fn a_mesh_that_is_wound_the_other_way_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let scene = SyntheticScene::new(SyntheticOptions {
-        views: 6,
-        width: 128,
-        height: 96,
-        ..SyntheticOptions::default()
-    })
-    .unwrap();
-    exports::write_colmap(&path("model"), scene.scene()).unwrap();
+    let scene = scene_of((6, 128, 96), &path("model"));
     let mesh = scene.mesh();
     let turned = mesh.triangles().iter().map(|&[a, b, c]| [a, c, b]);
     let turned = Mesh::new(mesh.vertices().to_vec(), turned.collect()).unwrap();
@@ -282,14 +288,7 @@ fn a_mesh_that_is_wound_the_other_way_is_named() {
 fn views_too_far_apart_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let scene = SyntheticScene::new(SyntheticOptions {
-        views: 2,
-        width: 64,
-        height: 48,
-        ..SyntheticOptions::default()
-    })
-    .unwrap();
-    exports::write_colmap(&path("model"), scene.scene()).unwrap();
+    let scene = scene_of((2, 64, 48), &path("model"));
     mesh_out::write_obj(&path("mesh.obj"), scene.mesh()).unwrap();
     let (model, mesh, out) = (path("model"), path("mesh.obj"), path("pair.txt"));
     let far = "from directions near each other, found none among 2";

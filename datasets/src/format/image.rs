@@ -104,17 +104,14 @@ pub fn read_orientation(bytes: &[u8]) -> Result<u8, FormatError> {
 
 /// Whether a JPEG has EXIF before its first scan, or nothing can be said: the reader copies what it reads.
 fn may_have_exif(bytes: &[u8]) -> bool {
-    let mut at = 2;
-    loop {
-        match bytes.get(at..) {
-            Some([0xff, 0xda, ..]) => return false,
-            Some([0xff, 0xe1, _, _, note @ ..]) if note.starts_with(b"Exif") => return true,
-            Some([0xff, 0xc0..=0xcf | 0xdb..=0xfe, high, low, ..]) => {
-                at += 2 + usize::from(u16::from_be_bytes([*high, *low]));
-            }
-            _ => return true,
+    for segment in jpeg::segments(bytes) {
+        match segment.marker {
+            jpeg::SCAN => return false,
+            0xe1 if segment.content.starts_with(b"Exif") => return true,
+            _ => {}
         }
     }
+    true
 }
 
 /// Decodes after checking that the stated size is possible for so few bytes.

@@ -5,15 +5,11 @@ use crate::parallel;
 use crate::provenance;
 use mvs_datasets::layout::blended::{BlendedFolder, record};
 
-/// One fault for all files that are gone, and one for all with other bytes.
-pub(super) fn check(folder: &BlendedFolder) -> Vec<Finding> {
-    let record = match record::read(&folder.record()) {
-        Ok(Some(record)) => record,
-        Ok(None) => return Vec::new(),
-        Err(error) => {
-            let message = format!("{error}: nothing was compared with it");
-            return vec![Finding::fault("unreadable", "scene.json", message)];
-        }
+/// One fault for all files that are gone, and one for all with other bytes; an error where `scene.json` cannot
+/// be read.
+pub(super) fn check(folder: &BlendedFolder) -> Result<Vec<Finding>, mvs_datasets::Error> {
+    let Some(record) = record::read(&folder.record())? else {
+        return Ok(Vec::new());
     };
     let files = record.views.iter().flat_map(|view| &view.files);
     let files: Vec<(&String, &String)> = files.collect();
@@ -37,7 +33,7 @@ pub(super) fn check(folder: &BlendedFolder) -> Vec<Finding> {
         "found other bytes: they were damaged or changed; make the scene again, or take scene.json away \
          where that was meant",
     );
-    gone.into_iter().chain(other).collect()
+    Ok(gone.into_iter().chain(other).collect())
 }
 
 /// A fault at the first of these files, if there is any.

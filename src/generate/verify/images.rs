@@ -52,6 +52,18 @@ pub(super) fn correlation(
     (spread.min_element() >= CONTRAST).then(|| shared / (spread.x * spread.y))
 }
 
+/// As [`correlation`], with pixels of the source that lie `by` so much beside, those within it.
+pub(super) fn correlation_beside(
+    images: (&ColorImage, &ColorImage),
+    pixels: impl Iterator<Item = (DVec2, DVec2)>,
+    by: DVec2,
+) -> Option<f64> {
+    let size = DVec2::new(images.1.width().into(), images.1.height().into());
+    let moved = pixels.map(|(from, to)| (from, to + by));
+    let inside = |at: DVec2| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all();
+    correlation(images, moved.filter(|&(_, to)| inside(to)))
+}
+
 /// Whether the brightness at these pixels correlates at least as well as at pixels of the source that
 /// lie a few per cent of its width away, in any of four directions; `None` as [`correlation`].
 pub(super) fn is_peak(
@@ -59,14 +71,10 @@ pub(super) fn is_peak(
     pixels: impl Iterator<Item = (DVec2, DVec2)> + Clone,
 ) -> Option<bool> {
     let own = correlation(images, pixels.clone())?;
-    let size = DVec2::new(images.1.width().into(), images.1.height().into());
-    let apart = (AWAY * size.x).max(LEAST_AWAY);
+    let apart = (AWAY * f64::from(images.1.width())).max(LEAST_AWAY);
     let turns = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y];
-    let others = turns.iter().filter_map(|&turn| {
-        let moved = pixels.clone().map(|(from, to)| (from, to + apart * turn));
-        let inside = |at: DVec2| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all();
-        correlation(images, moved.filter(|&(_, to)| inside(to)))
-    });
+    let others = turns.map(|turn| correlation_beside(images, pixels.clone(), apart * turn));
+    let others = others.into_iter().flatten();
     Some(others.fold(f64::NEG_INFINITY, f64::max) <= own)
 }
 

@@ -157,7 +157,13 @@ pub fn verify(
     match folder.read_scene(options.pixel_centre) {
         Ok(scene) => {
             verification.views = scene.views().len();
-            findings.extend(as_written::check(folder));
+            match as_written::check(folder) {
+                Ok(found) => findings.extend(found),
+                Err(error) => {
+                    let message = format!("{error}: nothing was compared with it");
+                    findings.push(Finding::fault("unreadable", "scene.json", message));
+                }
+            }
             findings.extend(twice::check(&scene));
             findings.extend(pictures::check_views(folder, &scene, progress)?);
             let checked = geometry::check(folder, &scene, options, progress)?;
@@ -171,9 +177,8 @@ pub fn verify(
                 "{error}; images, depths and their agreement were not checked: mend this first"
             );
             findings.push(Finding::fault("unreadable", place(folder, &error), message));
-            let of_record = |finding: &Finding| finding.code == "unreadable";
-            let compared = as_written::check(folder).into_iter();
-            findings.extend(compared.filter(|finding| !of_record(finding)));
+            // Where that is wrong it has been said.
+            findings.extend(as_written::check(folder).unwrap_or_default());
         }
     }
     findings.sort();

@@ -2,7 +2,7 @@
 //! along a flat surface.
 
 use super::geometry::PairCheck;
-use super::images::correlation;
+use super::images::correlation_beside;
 use super::{Finding, Severity, median};
 use glam::DVec2;
 use mvs_datasets::scene::{ColorImage, Scene};
@@ -57,17 +57,12 @@ const MOST_STEPS: usize = 16;
 const CURVED: f64 = 0.01;
 
 /// The shift of the source's image, in pixels, under which its brightness correlates best with the reference's
-/// at these (reference, source) pixels. `None` as for [`correlation`], and where no peak is near or sharp.
+/// at these (reference, source) pixels. `None` as for [`correlation_beside`], and where no peak is near or sharp.
 pub(super) fn shift(
     images: (&ColorImage, &ColorImage),
     pixels: impl Iterator<Item = (DVec2, DVec2)> + Clone,
 ) -> Option<[f64; 2]> {
-    let size = DVec2::new(images.1.width().into(), images.1.height().into());
-    let at = |by: DVec2| {
-        let moved = pixels.clone().map(|(from, to)| (from, to + by));
-        let inside = |at: DVec2| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all();
-        correlation(images, moved.filter(|&(_, to)| inside(to)))
-    };
+    let at = |by: DVec2| correlation_beside(images, pixels.clone(), by);
     let mut best = DVec2::ZERO;
     let mut peak = at(best)?;
     for _ in 0..MOST_STEPS {

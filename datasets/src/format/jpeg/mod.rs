@@ -17,7 +17,7 @@ mod transform;
 
 pub use background::stays_dark;
 pub(super) use decode::decode;
-pub(super) use others::check_others;
+pub(super) use others::{SCAN, check_others, segments};
 
 use crate::scene::{ColorImage, Mask};
 use bits::{Bits, Codes, Codings};

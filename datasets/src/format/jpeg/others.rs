@@ -35,35 +35,44 @@ pub(in crate::format) fn check_others(bytes: &[u8]) -> Result<(), FormatError> {
     Ok(())
 }
 
-struct Segment<'b> {
-    marker: u8,
-    content: &'b [u8],
+/// What stands between two markers.
+pub(in crate::format) struct Segment<'b> {
+    /// The marker before it.
+    pub(in crate::format) marker: u8,
+    /// What follows its length.
+    pub(in crate::format) content: &'b [u8],
+}
+
+/// The marker before the data of a scan.
+pub(in crate::format) const SCAN: u8 = 0xda;
+
+/// The segments of a JPEG up to the header of its first scan, or as far as they are whole.
+pub(in crate::format) fn segments(bytes: &[u8]) -> impl Iterator<Item = Segment<'_>> {
+    let mut at = Some(2);
+    std::iter::from_fn(move || {
+        let from = at.take()?;
+        let rest = bytes.get(from..)?;
+        let fill = rest.iter().take_while(|&&byte| byte == 0xff).count();
+        let (&marker, rest) = rest[fill..].split_first().filter(|_| fill > 0)?;
+        let length = usize::from(u16::from_be_bytes(*rest.first_chunk()?));
+        let content = rest.get(2..length)?;
+        at = (marker != SCAN).then_some(from + fill + 1 + length);
+        Some(Segment { marker, content })
+    })
 }
 
 /// The start of frame, and the first scan's header.
 fn frame_and_scan(bytes: &[u8]) -> Option<(Segment<'_>, Segment<'_>)> {
-    let (mut at, mut frame) = (2, None);
-    loop {
-        at += bytes
-            .get(at..)?
-            .iter()
-            .take_while(|&&byte| byte == 0xff)
-            .count();
-        let marker = *bytes.get(at)?;
-        let length = bytes.get(at + 1..at + 3)?.first_chunk::<2>()?;
-        let end = at + 1 + usize::from(u16::from_be_bytes(*length));
-        let segment = Segment {
-            marker,
-            content: bytes.get(at + 3..end)?,
-        };
-        at = end;
-        match marker {
-            0xda => return Some((frame?, segment)),
+    let mut frame = None;
+    for segment in segments(bytes) {
+        match segment.marker {
+            SCAN => return Some((frame?, segment)),
             // Starts of frames, but for tables and arithmetic coding, which have their numbers among them.
-            0xc0..=0xcf if !matches!(marker, 0xc4 | 0xc8 | 0xcc) => frame = Some(segment),
+            0xc0..=0xcf if !matches!(segment.marker, 0xc4 | 0xc8 | 0xcc) => frame = Some(segment),
             _ => {}
         }
     }
+    None
 }
 
 /// Whether the end marker of a JPEG is there: one of its own, not of a thumbnail in a segment of it.

@@ -20,7 +20,7 @@ pub(super) struct Faces {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Per triangle, if the faces have texture coordinates; [`NO_COORDS`] of those without.
     pub(super) texture_coords: Option<Vec<Corner>>,
-    /// Per triangle, if the faces have texture numbers; [`NO_NUMBER`] of those below 0.
+    /// Per triangle, if the faces have texture numbers; [`NO_NUMBER`] of no texture, as numbers below 0 say.
     pub(super) texture_numbers: Option<Vec<u32>>,
     /// The triangles of each face of more than three corners: a fan from its first.
     fans: Vec<Range<usize>>,
@@ -49,28 +49,27 @@ impl Faces {
 }
 
 impl Faces {
-    /// Texture coordinates of all triangles, a face's own, else those of its vertices, and the triangles that have
-    /// neither.
-    pub(super) fn coords(
-        &mut self,
-        of_vertices: Option<&[Vec2]>,
-    ) -> (Option<Vec<Corner>>, Vec<usize>) {
+    /// Texture coordinates of all triangles, a face's own, else those of its vertices. Triangles that have neither
+    /// where others have some get [`NO_NUMBER`].
+    pub(super) fn take_coords(&mut self, of_vertices: Option<&[Vec2]>) -> Option<Vec<Corner>> {
         let at = |all: &[Vec2], triangle: &[u32; 3]| triangle.map(|vertex| all[vertex as usize]);
         let Some(mut coords) = self.texture_coords.take() else {
-            let all = of_vertices.map(|all| self.triangles.iter().map(|t| at(all, t)).collect());
-            return (all, Vec::new());
+            let all = of_vertices?;
+            return Some(self.triangles.iter().map(|t| at(all, t)).collect());
         };
-        let mut without = Vec::new();
-        for (index, corner) in coords.iter_mut().enumerate() {
-            if !corner.iter().any(|coord| coord.x.is_nan()) {
+        let is_none = |corner: &Corner| corner.iter().any(|coord| coord.x.is_nan());
+        let without = coords.iter_mut().enumerate();
+        for (index, corner) in without.filter(|(_, corner)| is_none(corner)) {
+            if let Some(all) = of_vertices {
+                *corner = at(all, &self.triangles[index]);
                 continue;
             }
-            *corner = of_vertices.map_or([Vec2::ZERO; 3], |all| at(all, &self.triangles[index]));
-            if of_vertices.is_none() {
-                without.push(index);
-            }
+            *corner = [Vec2::ZERO; 3];
+            let count = self.triangles.len();
+            let numbers = self.texture_numbers.get_or_insert_with(|| vec![0; count]);
+            numbers[index] = NO_NUMBER;
         }
-        (Some(coords), without)
+        Some(coords)
     }
 }
 

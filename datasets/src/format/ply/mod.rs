@@ -171,7 +171,7 @@ fn mesh_of(
     let wrong = || FormatError::at("elements vertex and face");
     let positions = vertices::positions(table)?;
     faces.cut(&positions);
-    let (coords, without) = faces.coords(vertices::texture_coords(table).as_deref());
+    let coords = faces.take_coords(vertices::texture_coords(table).as_deref());
     let mut mesh = Mesh::new(positions, faces.triangles).map_err(wrong())?;
     if let Some(coords) = coords {
         mesh = mesh.with_texture_coords(coords).map_err(wrong())?;
@@ -190,17 +190,14 @@ fn mesh_of(
         .collect();
     let last = materials.len() as u32;
     let mut numbers = faces.texture_numbers;
-    if !without.is_empty() {
-        let numbers = numbers.get_or_insert_with(|| vec![0; mesh.triangles().len()]);
-        without
-            .iter()
-            .for_each(|&triangle| numbers[triangle] = last);
+    let mut untextured = 0;
+    let none = numbers
+        .iter_mut()
+        .flatten()
+        .filter(|number| **number == faces::NO_NUMBER);
+    for number in none {
+        (*number, untextured) = (last, untextured + 1);
     }
-    let is_none = |number: &&mut u32| **number == faces::NO_NUMBER;
-    let none = numbers.iter_mut().flatten().filter(is_none);
-    none.for_each(|number| *number = last);
-    let untextured = numbers.iter().flatten().filter(|&&number| number == last);
-    let untextured = untextured.count();
     if untextured > 0 {
         materials.push(Material::default());
     }
