@@ -27,7 +27,8 @@ pub(crate) struct FuseArgs {
     /// The folder of estimated depth maps, <id>.pfm (z-depth, 0 = none)
     #[arg(long, value_name = "DIR")]
     depths: Option<PathBuf>,
-    /// A folder of confidence maps, <id>.pfm; given several times, the smallest value counts
+    /// A folder of confidence maps, <id>.pfm; given several times, the smallest value counts, and all but one may
+    /// have fewer pixels than the depth maps. NaN and infinity are no confidence
     #[arg(long, value_name = "DIR")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     confidence: Vec<PathBuf>,
@@ -37,7 +38,8 @@ pub(crate) struct FuseArgs {
     /// The PLY to write
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// The folder of masks, <id>.png of the depth maps' size: pixels below 128 are left out
+    /// The folder of masks of the depth maps' size, <id>.png (of a workspace <image name>.png): pixels below 128
+    /// are left out
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
     /// Leave out points outside of this polygon crop volume (JSON, in the scene's frame)
@@ -53,9 +55,13 @@ pub(crate) struct FuseArgs {
     /// A folder for the depths that became points, <id>.pfm
     #[arg(long, value_name = "DIR")]
     filtered_depths: Option<PathBuf>,
-    /// full (default): points have violations and scale; basic: they have not
+    /// full: points have violations and scale, too; basic (default): they have not
     #[arg(long, value_name = "NAME")]
     properties: Option<String>,
+    /// Type of the coordinates: auto (default: float where that moves no point by a millionth of a usual depth,
+    /// else double), float or double
+    #[arg(long, value_name = "TYPE")]
+    coordinates: Option<String>,
     #[command(flatten)]
     #[serde(skip)]
     sweep: SweepFlags,
@@ -88,7 +94,7 @@ struct SweepFlags {
     #[arg(long, value_name = "PLY", requires = "sweep", requires = "tau")]
     truth: Option<PathBuf>,
     /// The distance below which points count, world units
-    #[arg(long, value_name = "T", requires = "sweep")]
+    #[arg(long, value_name = "T", requires = "sweep", requires = "truth")]
     tau: Option<f64>,
     /// Values of --max-pixel-error in the grid (default that flag's, else 0.5,1,2)
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
@@ -239,20 +245,31 @@ fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
         Some(path) => config::read_layer_of::<FuseJob>(path, "fuse")?,
         None => toml::Table::new(),
     };
-    if mode_of(&flags).is_some_and(|mode| Some(mode) != mode_of(&file)) {
+    let is_run = (global.config.as_deref()).is_some_and(config::is_run);
+    if is_run && mode_of(&flags).is_some_and(|mode| Some(mode) != mode_of(&file)) {
         leave_mode_out(&mut file)?;
     }
+    let said = [&flags, &file].into_iter().find_map(mode_of);
+    let mode = presets::mode_layer(said.unwrap_or("hkust"))?;
+    let scene = scene_name(args, &file);
     let preset = match &args.preset {
-        Some(name) => preset_layer(name, &scene_name(args, &file))?,
+        Some(name) => presets::preset_layer(name, &scene)?,
         None => toml::Table::new(),
     };
     say_what_hides(&preset, &file, &flags);
-    let said = [&flags, &file].into_iter().find_map(mode_of);
-    let mode = presets::mode_layer(said.unwrap_or("hkust"))?;
     let given = given(&args.fuse);
+    let said = [&flags, &file]
+        .iter()
+        .any(|layer| says(layer, "min_sources"));
     let fuse = |options| toml::Table::from_iter([("fuse".to_owned(), toml::Value::Table(options))]);
     let job: FuseJob = config::resolve([fuse(mode), fuse(preset), file, flags])?;
     fuse::check_used(&job, &given)?;
+    if let Some(name) = &args.preset
+        && !said
+        && job.fuse.mode.asks_for("min_sources")
+    {
+        say_unknown_scene(name, &scene)?;
+    }
     Ok(FuseJob {
         memory: args.memory,
         ..job
@@ -263,7 +280,13 @@ fn mode_of(layer: &toml::Table) -> Option<&str> {
     layer.get("fuse")?.get("mode")?.as_str()
 }
 
-/// Leaves out what a layer says only because of its mode, as a `run.toml` says everything.
+/// Whether a layer says something of this option.
+fn says(layer: &toml::Table, option: &str) -> bool {
+    let options = layer.get("fuse").and_then(toml::Value::as_table);
+    options.is_some_and(|options| options.contains_key(option))
+}
+
+/// Leaves out what a `run.toml`, which says everything, says only because of its mode.
 fn leave_mode_out(layer: &mut toml::Table) -> anyhow::Result<()> {
     if let Some(toml::Value::Table(options)) = layer.get_mut("fuse")
         && let Some(mode) = options.get("mode")
@@ -279,7 +302,7 @@ fn say_what_hides(preset: &toml::Table, file: &toml::Table, flags: &toml::Table)
     let of = |layer: &toml::Table, option: &str| layer.get("fuse")?.get(option).cloned();
     let hidden = preset.iter().filter(|(option, value)| {
         let of_file = of(file, option);
-        of(flags, option).is_none() && of_file.is_some_and(|of_file| of_file != **value)
+        of(flags, option).is_none() && of_file.is_some_and(|of_file| !is_same(&of_file, value))
     });
     let hidden: Vec<&str> = hidden.map(|(option, _)| option.as_str()).collect();
     if !hidden.is_empty() {
@@ -288,6 +311,24 @@ fn say_what_hides(preset: &toml::Table, file: &toml::Table, flags: &toml::Table)
              give them as flags, or leave one of the two out",
             hidden.join(", ")
         ));
+    }
+}
+
+/// Whether two values are one, also where a number was written as an integer or is one of f32.
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    reason = "as options are read"
+)]
+fn is_same(one: &toml::Value, other: &toml::Value) -> bool {
+    let number = |value: &toml::Value| match value {
+        toml::Value::Integer(value) => Some(*value as f32),
+        toml::Value::Float(value) => Some(*value as f32),
+        _ => None,
+    };
+    match (number(one), number(other)) {
+        (Some(one), Some(other)) => one.total_cmp(&other).is_eq(),
+        _ => one == other,
     }
 }
 
@@ -303,8 +344,8 @@ fn given(flags: &FuseFlags) -> Vec<&'static str> {
     given.map(|(_, option)| option).collect()
 }
 
-/// The preset's options; says so where it knows other scenes than this one.
-fn preset_layer(name: &str, scene: &str) -> anyhow::Result<toml::Table> {
+/// Says so where a preset has a minimum of views for other scenes than this one.
+fn say_unknown_scene(name: &str, scene: &str) -> anyhow::Result<()> {
     let known = presets::scenes(name)?;
     if !known.is_empty() && !known.iter().any(|known| known == scene) {
         output::say(&format!(
@@ -313,7 +354,7 @@ fn preset_layer(name: &str, scene: &str) -> anyhow::Result<toml::Table> {
             known.join(", ")
         ));
     }
-    Ok(presets::preset_layer(name, scene)?)
+    Ok(())
 }
 
 /// The name that the scene folder is given by, that of a link perhaps, by which presets know it; that of
@@ -340,6 +381,7 @@ pub(crate) fn execute(job: &FuseJob, global: &Global) -> anyhow::Result<Verdict>
             ),
             ("too few views agree", counts.inconsistent.to_string()),
             ("contradicted", counts.contradicted.to_string()),
+            ("filled in from others", counts.filled.to_string()),
             (
                 "merged",
                 (counts.merged + outcome.merged_in_voxels).to_string(),

@@ -64,6 +64,11 @@ fn read_layer(path: &Path, command: &str) -> Result<Table> {
     Ok(run.options)
 }
 
+/// Whether the file at `path` is a `run.toml`, which says all options.
+pub fn is_run(path: &Path) -> bool {
+    Run::read(path).is_ok()
+}
+
 /// Two ways to say one thing, of which the second wins: where a layer says the first, what lower layers
 /// say of the second does not count.
 const INSTEAD: [(&str, &str); 1] = [("d0", "sigma")];

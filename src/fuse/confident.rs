@@ -121,8 +121,8 @@ impl Confident {
     }
 }
 
-/// Puts stored values into `to`, zeros, but for what has less than the `least` confidence or none; how many
-/// depths that were.
+/// Puts stored values into `to`, zeros, but for what has less than the `least` confidence or none (NaN and ∞ are
+/// none); how many depths that were.
 pub(super) fn put_confident(
     (stored, confidences): (&[f32], &[f32]),
     least: f32,
@@ -136,7 +136,7 @@ pub(super) fn put_confident(
         }
         let mut some = 0u32;
         for ((&stored, &confidence), to) in stored.iter().zip(confidences).zip(to) {
-            let kept = confidence >= least;
+            let kept = (confidence >= least) & (confidence < f32::INFINITY);
             some += u32::from((stored > 0.0) & !kept);
             *to = if kept { stored } else { 0.0 };
         }
@@ -169,7 +169,7 @@ pub(super) fn threshold(with_depth: impl Iterator<Item = f32>, options: &FuseOpt
     if options.confidence_quantile <= 0.0 {
         return options.min_confidence;
     }
-    let mut values: Vec<f32> = with_depth.filter(|c| !c.is_nan()).collect();
+    let mut values: Vec<f32> = with_depth.filter(|&c| c < f32::INFINITY).collect();
     if values.is_empty() {
         return f32::INFINITY;
     }

@@ -12,7 +12,7 @@ use super::options::{Colors, FuseMode, FuseOptions, Visibility};
 use super::points::{Columns, PointSink};
 use super::reference::{Band, Reference, Region};
 use super::rules::Rule;
-use super::samples::{Filters, Samples, Shape, Unit, confidence};
+use super::samples::{Filters, PixelFilter, Samples, Shape, Unit, confidence};
 use super::selection::{Confidences, Selection, Witness};
 use super::steps::DYNAMIC_FROM;
 use crate::error::Result;
@@ -233,6 +233,7 @@ impl Engine<'_> {
             let selection = Selection {
                 own: &reference.samples,
                 own_confidences: Arc::clone(&known[0]),
+                filter: PixelFilter::read(self.inputs.maps, index, self.options)?,
                 sources: parallel::map(reference.sources.len(), witness),
                 options: self.options,
             };

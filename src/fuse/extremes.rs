@@ -258,7 +258,7 @@ fn infinite_negative_and_undefined_depths_and_confidences_count_as_none() {
         let found = fused(&estimates, mode);
         assert_eq!(
             (found.counts.empty, found.counts.unconfident),
-            (5 * 4, 5 * 2),
+            (5 * 4, 5 * 3),
             "{mode:?}"
         );
         assert!(found.cloud.len() > 100, "{mode:?}");

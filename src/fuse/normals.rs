@@ -1,8 +1,23 @@
 //! Normals from depth by a plane in inverse depth.
 
 use super::samples::{Samples, Unit};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use mvs_datasets::scene::Camera;
+
+/// A normal that was given for the pixel at (`column`, `row`), in the camera frame: of length 1 and facing the
+/// camera, `None` for one that is zero or not finite.
+pub(super) fn given(
+    in_cam: [f32; 3],
+    camera: &Camera,
+    (column, row): (usize, usize),
+) -> Option<Vec3> {
+    let unit = Vec3::from(in_cam).as_dvec3().try_normalize()?;
+    #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^52")]
+    let pixel = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+    let ray = ((pixel - camera.center()) / camera.focal()).extend(1.0);
+    let facing = if unit.dot(ray) > 0.0 { -unit } else { unit };
+    Some(facing.as_vec3())
+}
 
 /// As [`from_window`], of the pixel at (`column`, `row`) of a map.
 pub(super) fn from_depth(

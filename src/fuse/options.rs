@@ -179,12 +179,14 @@ impl FuseOptions {
             ("max_pixel_error", self.max_pixel_error),
             ("max_depth_error", self.max_depth_error),
             ("max_disparity_error", self.max_disparity_error),
-            ("max_normal_angle", self.max_normal_angle),
         ];
         for (name, bound) in positive {
             let fits = bound.is_finite() && bound > 0.0;
             expect(name, bound, "a finite bound above 0", fits)?;
         }
+        let turn = self.max_normal_angle;
+        let fits = turn > 0.0 && turn <= 180.0;
+        expect("max_normal_angle", turn, "degrees above 0, up to 180", fits)?;
         let (angle, quantile) = (self.wide_angle, self.confidence_quantile);
         let within = |value: f64, end: f64| (0.0..end).contains(&value);
         expect(
@@ -214,7 +216,7 @@ impl FuseOptions {
             "min_confidence",
             confidence,
             "a number",
-            !confidence.is_nan(),
+            confidence < f64::INFINITY,
         )?;
         expect(
             "min_support",
@@ -242,6 +244,12 @@ impl FuseOptions {
             };
         }
         Ok(())
+    }
+
+    /// Whether depths may be filled in where a view has none.
+    pub(super) fn fills(&self) -> bool {
+        let selects = [Visibility::MerrellConfidence, Visibility::MerrellStability];
+        self.mode == FuseMode::Hkust && selects.contains(&self.visibility)
     }
 
     /// How many sources of a view with `listed` sources are used.

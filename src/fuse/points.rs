@@ -9,6 +9,9 @@ use mvs_datasets::scene::PointCloud;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Columns(u8);
 
+/// How many kinds of rows of bytes there are.
+pub(super) const ROW_KINDS: usize = 32;
+
 impl Columns {
     /// Unit normals in the world frame; zero where unknown.
     pub const NORMALS: Self = Self(1);
@@ -18,16 +21,18 @@ impl Columns {
     pub const CONFIDENCES: Self = Self(4);
     /// Violations and scales: [`Points`] always have them, rows of bytes may not.
     pub const EXTRAS: Self = Self(8);
+    /// Positions as f64 in rows of bytes, which have them as f32 otherwise: [`Points`] always have f64.
+    pub const DOUBLES: Self = Self(16);
     /// Which views see each point; rows of bytes never have that.
-    pub const VISIBLE: Self = Self(16);
+    pub const VISIBLE: Self = Self(32);
 
     /// As an index: of what rows of bytes may have.
     pub(super) const fn row_bits(self) -> u8 {
-        self.0 & 15
+        self.0 & (ROW_KINDS as u8 - 1)
     }
 
     pub(super) const fn of_row_bits(bits: u8) -> Self {
-        Self(bits & 15)
+        Self(bits & (ROW_KINDS as u8 - 1))
     }
 
     /// Both together.
@@ -153,7 +158,7 @@ pub trait PointSink {
         None
     }
     /// Takes some points of a view as rows of bytes, where it wants them; else points. Little-endian and without
-    /// gaps: the position as three f64, the normal as three f32, the colour, the number of views as u32, the
+    /// gaps: the position as three f32, or f64 if those are asked for, the normal as three f32, the colour, the number of views as u32, the
     /// confidence as f32, the violations as u32 and the scale as f32, of which columns leave out some.
     ///
     /// # Errors

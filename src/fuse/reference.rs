@@ -324,7 +324,9 @@ impl Reference<'_> {
                 Some(map) => {
                     for i in entries(kept) {
                         let in_cam = map.values()[block.pixel[i] as usize];
-                        room.set_normal(i, self.to_world(Vec3::from(in_cam)));
+                        let given = normals::given(in_cam, &self.view.camera, block.at(i));
+                        let normal = given.map_or(Vec3::ZERO, |normal| self.to_world(normal));
+                        room.set_normal(i, normal);
                     }
                 }
                 None => self.fit_normals(kept, block, (&finish.frame, own), room),

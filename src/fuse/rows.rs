@@ -1,12 +1,15 @@
 //! Points as rows of bytes, as a binary file has them.
 
 use super::finish::{BlockPoints, entries};
-use super::points::{Columns, Points};
+use super::points::{Columns, Points, ROW_KINDS};
 use std::ops::Range;
 
 /// Bytes of a row of these columns.
 pub(super) const fn row_bytes(columns: Columns) -> usize {
-    let mut bytes = 24 + 4;
+    let mut bytes = 12 + 4;
+    if columns.has(Columns::DOUBLES) {
+        bytes += 12;
+    }
     if columns.has(Columns::NORMALS) {
         bytes += 12;
     }
@@ -96,7 +99,7 @@ pub(super) fn add_to_rows(
 type Put = fn(&BlockPoints<'_>, u64, &mut BandBytes);
 
 /// By the bits of the columns, so that each has its own code, in which all places are known.
-const PUT: [Put; 16] = [
+const PUT: [Put; ROW_KINDS] = [
     put::<0, { bytes(0) }>,
     put::<1, { bytes(1) }>,
     put::<2, { bytes(2) }>,
@@ -113,6 +116,22 @@ const PUT: [Put; 16] = [
     put::<13, { bytes(13) }>,
     put::<14, { bytes(14) }>,
     put::<15, { bytes(15) }>,
+    put::<16, { bytes(16) }>,
+    put::<17, { bytes(17) }>,
+    put::<18, { bytes(18) }>,
+    put::<19, { bytes(19) }>,
+    put::<20, { bytes(20) }>,
+    put::<21, { bytes(21) }>,
+    put::<22, { bytes(22) }>,
+    put::<23, { bytes(23) }>,
+    put::<24, { bytes(24) }>,
+    put::<25, { bytes(25) }>,
+    put::<26, { bytes(26) }>,
+    put::<27, { bytes(27) }>,
+    put::<28, { bytes(28) }>,
+    put::<29, { bytes(29) }>,
+    put::<30, { bytes(30) }>,
+    put::<31, { bytes(31) }>,
 ];
 
 const fn bytes(columns: u8) -> usize {
@@ -183,10 +202,18 @@ impl Points {
 
 /// Puts a point into a row of bytes.
 #[inline(always)]
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "asked for where f32 is exact enough"
+)]
 fn put_row(columns: Columns, points: &impl Entries, i: usize, mut row: &mut [u8]) {
     let row = &mut row;
     for value in points.position(i) {
-        field(row, value.to_le_bytes());
+        if columns.has(Columns::DOUBLES) {
+            field(row, value.to_le_bytes());
+        } else {
+            field(row, (value as f32).to_le_bytes());
+        }
     }
     if columns.has(Columns::NORMALS) {
         for value in points.normal(i) {

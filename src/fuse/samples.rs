@@ -51,8 +51,6 @@ pub(super) struct Samples {
     values: Arc<Vec<f32>>,
     /// What the filters left out of it.
     left_out: FuseCounts,
-    /// The least confidence that the filter of confidences kept.
-    least: f32,
 }
 
 /// Where a map has depths.
@@ -164,7 +162,6 @@ impl Samples {
             shape,
             values,
             left_out: FuseCounts::default(),
-            least: f32::NEG_INFINITY,
         }
     }
 
@@ -307,11 +304,7 @@ pub(super) fn prepare(
     filters: Filters,
 ) -> Result<Samples> {
     let view = maps.view(index);
-    let mask = maps.mask(index)?;
-    if let Some(mask) = &mask {
-        check_size(view, mask.size(), "mask")?;
-    }
-    let filter = PixelFilter::new(view, options, mask);
+    let filter = PixelFilter::read(maps, index, options)?;
     let unit = Unit::of(options);
     let size = (view.camera.width(), view.camera.height());
     let (width, height) = (size.0 as usize, size.1 as usize);
@@ -370,7 +363,6 @@ pub(super) fn prepare(
     }
     let mut samples = Samples::of_shape(size, unit, Arc::new(shape), Arc::new(values));
     samples.left_out = counts;
-    samples.least = known.map_or(f32::NEG_INFINITY, |(_, least)| least);
     Ok(samples)
 }
 
@@ -404,13 +396,22 @@ pub(super) fn confidence(maps: &dyn DepthMaps, index: usize) -> Result<Option<Ra
     Ok(confidence)
 }
 
-struct PixelFilter {
+/// A view's mask and depth range.
+pub(super) struct PixelFilter {
     mask: Option<Mask>,
     near: f64,
     far: f64,
 }
 
 impl PixelFilter {
+    pub(super) fn read(maps: &dyn DepthMaps, index: usize, options: &FuseOptions) -> Result<Self> {
+        let mask = maps.mask(index)?;
+        if let Some(mask) = &mask {
+            check_size(maps.view(index), mask.size(), "mask")?;
+        }
+        Ok(Self::new(maps.view(index), options, mask))
+    }
+
     fn new(view: &View, options: &FuseOptions, mask: Option<Mask>) -> Self {
         let mut near = options.min_depth;
         let mut far = if options.max_depth > 0.0 {
@@ -430,6 +431,16 @@ impl PixelFilter {
         self.mask.is_none() && self.near <= 0.0 && self.far.is_infinite()
     }
 
+    /// Whether the mask wants a pixel.
+    pub(super) fn wants(&self, pixel: usize) -> bool {
+        self.mask.as_ref().is_none_or(|mask| mask.values()[pixel])
+    }
+
+    /// Whether a depth lies in the range.
+    pub(super) fn reaches(&self, depth: f32) -> bool {
+        (self.near..=self.far).contains(&f64::from(depth))
+    }
+
     /// The stored value, or 0 and a reason counted.
     fn keep(&self, pixel: usize, unit: Unit, depth: f32, counts: &mut FuseCounts) -> f32 {
         if depth <= 0.0 {
@@ -439,23 +450,15 @@ impl PixelFilter {
         let stored = unit.convert(depth);
         let reason = if stored <= 0.0 {
             &mut counts.empty
-        } else if self.mask.as_ref().is_some_and(|mask| !mask.values()[pixel]) {
+        } else if !self.wants(pixel) {
             &mut counts.masked
-        } else if !(self.near..=self.far).contains(&f64::from(depth)) {
+        } else if !self.reaches(depth) {
             &mut counts.out_of_range
         } else {
             return stored;
         };
         *reason += 1;
         0.0
-    }
-}
-
-/// The least confidence of a view that is kept.
-pub(super) fn least(maps: &dyn DepthMaps, index: usize, options: &FuseOptions) -> Result<f32> {
-    match options.confidence_quantile <= 0.0 {
-        true => Ok(options.min_confidence),
-        false => Ok(prepare(maps, index, options, Filters::All)?.least),
     }
 }
 

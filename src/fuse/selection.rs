@@ -4,7 +4,7 @@ use super::counts::FuseCounts;
 use super::geometry::PairGeometry;
 use super::merrell::{Opinion, Rendered, center, most_confident, nearest_stable, seen_through};
 use super::options::{FuseOptions, Visibility};
-use super::samples::Samples;
+use super::samples::{PixelFilter, Samples};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -15,6 +15,8 @@ pub(super) type Confidences = Vec<f32>;
 pub(super) struct Selection<'a> {
     pub(super) own: &'a Samples,
     pub(super) own_confidences: Arc<Confidences>,
+    /// Which of the reference's pixels and depths are wanted at all.
+    pub(super) filter: PixelFilter,
     pub(super) sources: Vec<Witness>,
     pub(super) options: &'a FuseOptions,
 }
@@ -27,8 +29,9 @@ pub(super) struct Witness {
     pub(super) rendered: Rendered,
 }
 
+/// Negative ones are none: they are added and subtracted as weights.
 fn confidence(all: &Confidences, pixel: usize) -> f32 {
-    all.get(pixel).copied().unwrap_or(1.0)
+    all.get(pixel).copied().unwrap_or(1.0).max(0.0)
 }
 
 impl Selection<'_> {
@@ -41,10 +44,16 @@ impl Selection<'_> {
         for row in rows {
             for column in 0..width {
                 let had = self.own.get(column, row) > 0.0;
-                let depth = self.depth(column, row, &mut opinions);
-                counts.inconsistent += u64::from(had && depth.is_none());
-                counts.filled += u64::from(!had && depth.is_some());
-                stored.push(depth.map_or(0.0, |depth| self.own.unit().convert(depth)));
+                let depth = match self.filter.wants(row * width + column) {
+                    true => self.depth(column, row, &mut opinions),
+                    false => None,
+                };
+                let depth = depth.filter(|&depth| self.filter.reaches(depth));
+                let value = depth.map_or(0.0, |depth| self.own.unit().convert(depth));
+                let has = value > 0.0;
+                counts.inconsistent += u64::from(had && !has);
+                counts.filled += u64::from(!had && has);
+                stored.push(if has { value } else { 0.0 });
             }
         }
         (stored, counts)

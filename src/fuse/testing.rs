@@ -137,7 +137,15 @@ pub(crate) fn as_bytes(points: &Points, columns: Columns) -> Vec<u8> {
     let mut bytes = Vec::new();
     for at in 0..points.len() {
         let position = points.positions[at].to_array();
-        bytes.extend(position.into_iter().flat_map(f64::to_le_bytes));
+        match columns.has(Columns::DOUBLES) {
+            true => bytes.extend(position.into_iter().flat_map(f64::to_le_bytes)),
+            false => bytes.extend(
+                position
+                    .map(|value| value as f32)
+                    .into_iter()
+                    .flat_map(f32::to_le_bytes),
+            ),
+        }
         if columns.has(Columns::NORMALS) {
             let normal = points.normals[at].to_array();
             bytes.extend(normal.into_iter().flat_map(f32::to_le_bytes));

@@ -134,7 +134,10 @@ impl Source<'_> {
         }
         let at = within(column, row);
         let in_cam = match &self.normals {
-            Some(map) => Some(Vec3::from(map.get(number(column), number(row)))),
+            Some(map) => {
+                let in_cam = map.get(number(column), number(row));
+                normals::given(in_cam, &self.view.camera, (column, row))
+            }
             None => {
                 let pixel = (column, row);
                 normals::from_depth(&self.samples, &self.view.camera, pixel, self.similar)

@@ -2,6 +2,8 @@
 
 mod cams;
 mod check;
+mod confidences;
+mod coordinates;
 mod find;
 mod maps;
 mod output;
@@ -19,6 +21,7 @@ use crate::fuse::{
 };
 use crate::provenance::Run;
 pub use check::check_used;
+pub use coordinates::Coordinates;
 pub(super) use find::find_image;
 use glam::DVec3;
 use maps::{FileScratch, FolderMaps};
@@ -65,6 +68,8 @@ pub struct FuseJob {
     pub filtered_depths: Option<PathBuf>,
     /// Which properties the PLY's points have beside position, normal, colour, views and confidence.
     pub properties: Properties,
+    /// The type of the PLY's coordinates.
+    pub coordinates: Coordinates,
     /// Where the cams put the centre of the top-left pixel.
     pub pixel_center: PixelCentre,
     /// The image size that the cams' intrinsics are for. Without it that of the view's image, or of
@@ -83,11 +88,11 @@ pub struct FuseJob {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Properties {
-    /// `violations` (views that see through the point) and `scale` (depth over focal length).
-    #[default]
-    Full,
     /// None.
+    #[default]
     Basic,
+    /// `violations` (views that see through the point) and `scale` (depth over focal length).
+    Full,
 }
 
 impl FuseJob {
@@ -144,6 +149,15 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     }
     check_out_files(&[&job.out, &report, &run_file, &visible], context.force)?;
     let mut own = vec![job.out.clone(), report, run_file.clone(), visible.clone()];
+    if let Some(folder) = job
+        .filtered_depths
+        .as_ref()
+        .filter(|folder| own.contains(folder))
+    {
+        let problem = "expected a folder for the filtered depth maps, found a file of the result";
+        return Err(Error::invalid(folder.display().to_string(), problem));
+    }
+    let before = filtered_before(job, &run_file);
     let maps = FolderMaps::open(job, replaced(&own, &run_file, "fuse"), context)?;
     let results: Vec<&Path> = own.iter().map(PathBuf::as_path).collect();
     let read = maps.files().into_iter().chain(job.crop.as_deref());
@@ -161,17 +175,39 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         progress: context.progress,
         warnings: context.warnings,
     };
-    let outcome = write_cloud(job, &maps, (&inputs, context.force));
+    let doubles = job.coordinates.are_doubles(&maps, context.warnings)?;
+    let outcome = write_cloud(job, &maps, (&inputs, doubles, context.force));
     maps.warn_of_turned();
     let outcome = outcome?;
     if !job.vis {
         remove_if_there(&visible)?; // that of the cloud before
     }
+    let filtered = maps.filtered(job);
+    let stale = before.iter().filter(|path| !filtered.contains(path));
+    stale.map(PathBuf::as_path).try_for_each(remove_if_there)?;
     write_report(job, &outcome)?;
     own.retain(|path| *path != run_file && path.is_file());
-    own.extend(maps.filtered(job));
+    own.extend(filtered);
     write_run_file(Run::new("fuse", job, &maps.inputs)?, &run_file, &own)?;
     Ok(outcome)
+}
+
+/// The maps that the result before wrote into the same folder.
+fn filtered_before(job: &FuseJob, run_file: &Path) -> Vec<PathBuf> {
+    let (Some(folder), Ok(run)) = (&job.filtered_depths, Run::read(run_file)) else {
+        return Vec::new();
+    };
+    let Ok(real) = folder.canonicalize() else {
+        return Vec::new();
+    };
+    let beside = files::folder_of(run_file);
+    let of_folder = |file: &String| {
+        let file = beside.join(file);
+        let is_inside = file.parent()?.canonicalize().ok()? == real;
+        let is_map = is_inside && file.extension()? == "pfm";
+        is_map.then(|| folder.join(file.file_name().unwrap_or_default()))
+    };
+    run.files.iter().filter_map(of_folder).collect()
 }
 
 /// Reads all that [`run`] reads, and refuses of it what that would refuse.
@@ -238,7 +274,7 @@ fn scratch(
 fn write_cloud(
     job: &FuseJob,
     maps: &FolderMaps<'_>,
-    (inputs, force): (&FuseInputs<'_>, bool),
+    (inputs, doubles, force): (&FuseInputs<'_>, bool, bool),
 ) -> Result<FuseOutcome> {
     let visible = match job.vis {
         true => Visible::create(&visible_path(&job.out), force)?,
@@ -251,7 +287,8 @@ fn write_cloud(
     let mut outcome = None;
     let written = files::write_atomically(&job.out, |out| {
         let extras = Columns::EXTRAS.when(job.properties == Properties::Full);
-        let columns = columns(maps, &job.fuse).and(extras);
+        let coordinates = Columns::DOUBLES.when(doubles);
+        let columns = columns(maps, &job.fuse).and(extras).and(coordinates);
         let ply = output::PlySink::new(out, columns, &comments(job), &job.out)?;
         let mut outputs = Outputs {
             ply,

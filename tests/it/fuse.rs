@@ -2,6 +2,7 @@
 
 mod among;
 mod flags;
+mod maps;
 mod places;
 mod real;
 mod sweep;
@@ -16,7 +17,7 @@ use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
 use mvs_eval::fuse::{FuseMode, FuseOptions, Sampling, Visibility};
 use mvs_eval::jobs::Context;
 use mvs_eval::jobs::fuse::sweep::{self as sweep_job, SweepJob};
-use mvs_eval::jobs::fuse::{FuseJob, FuseOutcome, Properties, check_used, run};
+use mvs_eval::jobs::fuse::{Coordinates, FuseJob, FuseOutcome, Properties, check_used, run};
 use mvs_eval::parallel::with_threads;
 use mvs_eval::progress::Silent;
 use mvs_eval::provenance::Run;
@@ -494,9 +495,8 @@ fn voxels_merge_and_the_fingerprint_stands_in_header_and_report() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
-    job.properties = Properties::Basic;
     let all = fuse(&job, false).unwrap();
-    job.voxel = 0.05;
+    (job.voxel, job.properties) = (0.05, Properties::Full);
     let header = |path: &Path| {
         let bytes = std::fs::read(path).unwrap();
         String::from_utf8_lossy(&bytes[..2500.min(bytes.len())]).into_owned()

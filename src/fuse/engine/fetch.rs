@@ -11,7 +11,7 @@ use crate::fuse::options::Colors;
 use crate::fuse::points::Columns;
 use crate::fuse::reference::{Finish, Reference};
 use crate::fuse::rules::Rule;
-use crate::fuse::samples::{Filters, Samples, Unit, confidence, least, prepare};
+use crate::fuse::samples::{Filters, Samples, Unit, confidence, prepare};
 use crate::fuse::source::{Photo, Source, SourceImage};
 
 impl Engine<'_> {
@@ -113,11 +113,14 @@ impl Engine<'_> {
         if reference.confident.is_none() && columns.has(Columns::CONFIDENCES) {
             own = confidence(maps, index)?;
         }
-        if let Some(own) = &mut own {
-            // Only depths that were filled in are at pixels of too little, and theirs it is not.
-            let least = least(maps, index, self.options)?;
-            let own = own.values_mut().iter_mut();
-            own.for_each(|own| *own = if *own >= least { *own } else { 0.0 });
+        if let (Some(own), true) = (&mut own, self.options.fills()) {
+            // Where the filters left no depth it was filled in, and what stands there is not its confidence.
+            let input = prepare(maps, index, self.options, Filters::All)?;
+            let width = input.width();
+            for (at, own) in own.values_mut().iter_mut().enumerate() {
+                let had = input.get(at % width, at / width) > 0.0;
+                *own = if had { *own } else { 0.0 };
+            }
         }
         let normals = maps
             .normals(index)?

@@ -1,7 +1,7 @@
 use super::*;
 use crate::fuse::confident::Rows;
 use crate::fuse::normals::from_depth;
-use crate::fuse::points::{Columns, Points};
+use crate::fuse::points::{Columns, Points, ROW_KINDS};
 use crate::fuse::rows::{BandBytes, add_to_rows};
 use crate::fuse::samples::{Grid, Samples};
 use crate::fuse::testing::{as_bytes, random_view, rng, uniform};
@@ -174,7 +174,7 @@ fn full_rows_of_bytes_lie_side_by_side() {
     let (mut block, mut room, consensus) = (Block::new(), Room::new(0), Consensus::new());
     let most = 1024; // times 28 bytes: whole pages
     let mut bytes = BandBytes::default();
-    bytes.begin(3, most, Columns::default());
+    bytes.begin(3, most, Columns::DOUBLES);
     for row in [1, 0, 2] {
         for first in (0..most).step_by(BLOCK) {
             block.len = 0;
@@ -190,7 +190,7 @@ fn full_rows_of_bytes_lie_side_by_side() {
                 confidences: None,
                 photo: None,
             };
-            add_to_rows(Columns::default(), &points, u64::MAX, &mut bytes);
+            add_to_rows(Columns::DOUBLES, &points, u64::MAX, &mut bytes);
         }
     }
     for (row, bytes) in bytes.rows().enumerate() {
@@ -267,7 +267,7 @@ fn rows_of_bytes_are_those_of_columns() {
             photo,
         };
         let mut bytes = BandBytes::default();
-        for bits in 0..16 {
+        for bits in 0..ROW_KINDS as u8 {
             let columns = Columns::of_row_bits(bits);
             let mut expected = vec![Points::default(); 4];
             bytes.begin(4, 2 * 34, columns);

@@ -1,7 +1,7 @@
 //! A folder of depth maps, read one at a time.
 
 use super::units::{self, Units};
-use super::{FuseJob, cams, workspace};
+use super::{FuseJob, cams, confidences, workspace};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, Scratch, put_parts, take_rows};
 use crate::generate;
@@ -71,7 +71,7 @@ impl<'a> FolderMaps<'a> {
             Some(workspace) => workspace::entries(job, workspace, context)?,
             None => cams::entries(job, context)?,
         };
-        warn_of_missing_images(&entries, context);
+        warn_of_missing(&entries, context);
         let inputs = job.inputs()?;
         let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
         context.warn_of_unfinished(&inputs, &job.out);
@@ -139,20 +139,29 @@ fn filtered_paths(job: &FuseJob, entries: &[Entry]) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Without all images there are no colours: says so where some are there.
-fn warn_of_missing_images(entries: &[Entry], context: &Context<'_>) {
-    let missing = || entries.iter().filter(|entry| entry.image.is_none());
-    let (Some(first), count) = (missing().next(), missing().count()) else {
-        return;
+/// Without all images there are no colours, and normals are fitted where none are given: says so where some are
+/// there.
+fn warn_of_missing(entries: &[Entry], context: &Context<'_>) {
+    let warn = |has: fn(&Entry) -> bool, (code, what, so): (&str, &str, &str)| {
+        let mut missing = entries.iter().filter(|entry| !has(entry));
+        let (count, all) = (missing.clone().count(), entries.len());
+        if let Some(first) = missing.next()
+            && count < all
+        {
+            let first = first.view.id;
+            let message =
+                format!("{count} of {all} views have no {what}, the first is view {first}: {so}");
+            context.warnings.add(code, message);
+        }
     };
-    if count < entries.len() {
-        let message = format!(
-            "{count} of {} views have no image, the first is view {}: points get no colours",
-            entries.len(),
-            first.view.id
-        );
-        context.warnings.add("missing-image", message);
-    }
+    let colors = ("missing-image", "image", "points get no colours");
+    warn(|entry| entry.image.is_some(), colors);
+    let normals = (
+        "missing-normals",
+        "normal map",
+        "theirs are fitted to depths",
+    );
+    warn(|entry| entry.normals.is_some(), normals);
 }
 
 impl DepthMaps for FolderMaps<'_> {
@@ -209,19 +218,20 @@ impl DepthMaps for FolderMaps<'_> {
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>> {
         let camera = &self.entries[index].view.camera;
         let size = (camera.width(), camera.height());
-        let mut least: Option<Raster<f32>> = None;
-        for path in &self.entries[index].confidence {
-            let map = self.read(path, pfm::read_gray)?;
-            if map.width() > size.0 || map.height() > size.1 || least.is_none() {
-                // The first one, and none, is larger than the depth map.
-                self.check_size(index, path, map.size())?;
-            }
-            least = Some(match least {
-                None => map,
-                Some(least) => smaller(least, &map),
-            });
+        let paths = &self.entries[index].confidence;
+        let read = |path: &PathBuf| self.read(path, pfm::read_gray);
+        let maps = paths.iter().map(read).collect::<Result<Vec<_>>>()?;
+        let is_larger = |map: &Raster<f32>| map.width() > size.0 || map.height() > size.1;
+        for (path, map) in paths.iter().zip(&maps).filter(|(_, map)| is_larger(map)) {
+            self.check_size(index, path, map.size())?;
         }
-        Ok(least)
+        // One at least is as large as the depth map, to which the others are brought.
+        if let (Some(path), Some(first)) = (paths.first(), maps.first())
+            && maps.iter().all(|map| map.size() != size)
+        {
+            self.check_size(index, path, first.size())?;
+        }
+        Ok(confidences::smallest(maps, size))
     }
 
     fn confidence_parts(
@@ -254,6 +264,19 @@ impl DepthMaps for FolderMaps<'_> {
         };
         let normals = self.read(path, dense::read_normals)?;
         self.check_size(index, path, normals.size())?;
+        let finite = |normal: &[f32; 3]| normal.iter().all(|axis| axis.is_finite());
+        let odd = normals
+            .values()
+            .iter()
+            .filter(|normal| !finite(normal))
+            .count();
+        if odd > 0 {
+            let message = format!(
+                "{}: {odd} normals that are not finite count as none",
+                path.display()
+            );
+            self.warnings.add("bad-normal", message);
+        }
         Ok(Some(normals))
     }
 
@@ -299,28 +322,6 @@ impl DepthMaps for FolderMaps<'_> {
     fn has_confidence(&self) -> bool {
         self.has_confidence
     }
-}
-
-/// The smaller value at each pixel; where `other` has fewer pixels, its nearest. NaN stays NaN.
-fn smaller(mut least: Raster<f32>, other: &Raster<f32>) -> Raster<f32> {
-    let (width, height) = least.size();
-    let nearest = |index: u32, length: u32, of: u32| {
-        let at = (2 * u64::from(index) + 1) * u64::from(of) / (2 * u64::from(length));
-        u32::try_from(at).unwrap_or(u32::MAX).min(of - 1)
-    };
-    for row in 0..height {
-        for column in 0..width {
-            let at = (
-                nearest(column, width, other.width()),
-                nearest(row, height, other.height()),
-            );
-            let value = other.get(at.0, at.1);
-            if value < least.get(column, row) || value.is_nan() {
-                least.set(column, row, value);
-            }
-        }
-    }
-    least
 }
 
 impl FolderMaps<'_> {

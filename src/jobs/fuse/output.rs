@@ -113,6 +113,10 @@ impl DepthFolder {
         if let (Some(there), false) = (there, force) {
             return Err(Error::exists(&there));
         }
+        if path.exists() && !path.is_dir() {
+            let problem = "expected a folder for the filtered depth maps, found a file";
+            return Err(Error::invalid(path.display().to_string(), problem));
+        }
         if path.is_dir() {
             // Where nothing can be written, that is said before the work.
             ScratchFolder::beside(&path.join("maps"))?;
@@ -191,12 +195,11 @@ const ROWS: usize = 1 << 12;
 
 /// The vertex's properties.
 fn properties(columns: Columns) -> Vec<(&'static str, Scalar)> {
-    // Doubles, because scenes may lie at large offsets.
-    let mut all = vec![
-        ("x", Scalar::Double),
-        ("y", Scalar::Double),
-        ("z", Scalar::Double),
-    ];
+    let coordinate = match columns.has(Columns::DOUBLES) {
+        true => Scalar::Double,
+        false => Scalar::Float,
+    };
+    let mut all = ["x", "y", "z"].map(|name| (name, coordinate)).to_vec();
     if columns.has(Columns::NORMALS) {
         all.extend(["nx", "ny", "nz"].map(|name| (name, Scalar::Float)));
     }

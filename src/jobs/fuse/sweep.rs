@@ -2,7 +2,7 @@
 //! shows.
 
 use super::maps::FolderMaps;
-use super::{FuseJob, check_out_files};
+use super::{Coordinates, FuseJob, Properties, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
 use crate::jobs::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
@@ -110,6 +110,14 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     for options in all {
         rows.push(one(job, &options, (&kept, truth.as_ref()), context)?);
     }
+    folder.warn_of_units()?;
+    if let Some(row) = rows
+        .iter()
+        .min_by_key(|row| row.counts.inconsistent + row.counts.unconfident)
+        && rows.iter().all(|row| row.points == 0)
+    {
+        return Err(super::nothing(&job.fuse, folder.count(), &row.counts));
+    }
     let scores: Vec<f64> = rows
         .iter()
         .filter_map(|row| Some(row.score?.f_score()))
@@ -157,11 +165,19 @@ impl SweepJob {
             (fuse.voxel != 0.0, "--voxel"),
             (fuse.vis, "--vis"),
             (fuse.filtered_depths.is_some(), "--filtered-depths"),
+            (fuse.properties != Properties::default(), "--properties"),
+            (fuse.coordinates != Coordinates::default(), "--coordinates"),
         ];
         if let Some((_, flag)) = odd.iter().find(|(given, _)| *given) {
             let problem =
                 format!("expected no {flag} with --sweep, which writes a table, no cloud");
             return Err(Error::invalid("sweep", problem));
+        }
+        if self.tau != 0.0 && self.truth.is_none() {
+            return Err(Error::invalid(
+                "--tau",
+                "needs --truth, to which distances are measured",
+            ));
         }
         let standard = Self::default();
         let varied = Varied::of(fuse);

@@ -1,7 +1,7 @@
 //! Flags beside a configuration file, and replays.
 
 use super::*;
-use crate::support::{mvs_eval, stderr, text};
+use crate::support::{mvs_eval, stderr, text, write};
 
 /// What `fuse` writes with these arguments.
 fn cloud(job: &FuseJob, more: &[&str]) -> (Vec<u8>, String) {
@@ -46,15 +46,12 @@ fn a_preset_beside_a_file_that_says_the_same_options_is_said_to_be_hidden() {
     let (found, said) = cloud(&job, &both);
     assert_eq!(found, first);
     assert!(
-        said.contains("something else than the preset for min_confidence, min_sources: give"),
+        said.contains("something else than the preset for min_sources: give"),
         "{said}"
     );
     let more = [&both[..], &["--min-sources", "3"]].concat();
     let said = cloud(&job, &more).1;
-    assert!(
-        said.contains("the preset for min_confidence: give"),
-        "{said}"
-    );
+    assert!(!said.contains("something else than the preset"), "{said}");
 }
 
 /// Presets know scenes by the names that users give, whatever the folder behind a link is called.
@@ -128,4 +125,53 @@ fn a_replay_elsewhere_asks_where_filtered_depths_go() {
     assert_eq!(std::fs::read(path("again.ply")).unwrap(), first);
     let maps = |folder: &Path| std::fs::read(folder.join("00000003.pfm")).unwrap();
     assert_eq!(maps(&also), maps(&path("filtered")));
+}
+
+/// What a file of one's own says beside its mode is meant, and how a number is written does not matter.
+#[test]
+fn a_file_that_is_no_run_is_taken_at_its_word() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let file = folder.path().join("mine.toml");
+    let of = |content: &str| {
+        write(&file, content);
+        cloud(&job, &["--config", text(&file), "--mode", "geo"]).0
+    };
+    // That of hkust, and not of geo.
+    let said = of("[fuse]\nmode = \"hkust\"\nmin_sources = 2\nguard = true\n");
+    assert_eq!(said, of("[fuse]\nmin_sources = 2\nguard = true\n"));
+    assert_ne!(said, of("[fuse]\nmin_sources = 2\n"));
+    let [whole, real] = ["2", "2.0"].map(|bound| {
+        of(&format!(
+            "[fuse]\nmode = \"cluster\"\nmax_pixel_error = {bound}\n"
+        ))
+    });
+    assert_eq!(whole, real);
+}
+
+/// Only what a preset decides is said of it.
+#[test]
+fn a_preset_is_not_said_to_count_where_it_does_not() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let unknown = |more: &[&str]| {
+        let preset = ["--preset", "tnt-intermediate"];
+        cloud(&job, &[&preset[..], more].concat())
+            .1
+            .contains("its general one is used")
+    };
+    assert!(unknown(&[]));
+    assert!(!unknown(&["--min-sources", "2"]) && !unknown(&["--mode", "dynamic"]));
+    cloud(&job, &[]);
+    let run = folder.path().join("run.toml");
+    std::fs::rename(folder.path().join("cloud.run.toml"), &run).unwrap();
+    // Its least confidence is that of the run, which an f32 of it was.
+    let both = ["--config", text(&run), "--preset", "blendedmvs"];
+    let said = cloud(&job, &both).1;
+    assert!(
+        !said.contains("min_confidence: give") && !said.contains("for min_confidence"),
+        "{said}"
+    );
 }

@@ -325,6 +325,8 @@ fn options_that_a_mode_does_not_ask_for_are_refused_and_change_nothing() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    // With the views that see through a point, which `max_depth_error` tells.
+    job.properties = Properties::Full;
     type Change = (&'static str, fn(&mut FuseOptions));
     let changes: [Change; 5] = [
         ("visibility", |options| {

@@ -254,3 +254,48 @@ fn a_table_that_cannot_be_written_leaves_the_one_before_it() {
         before
     );
 }
+
+/// As `fuse` says of what it makes, whatever the combination.
+#[test]
+fn a_sweep_without_points_says_why_and_depths_in_other_units_are_said() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let fuse_job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
+    let mut job = SweepJob {
+        out: folder.path().join("sweep.csv"),
+        fuse: fuse_job.clone(),
+        ..SweepJob::default()
+    };
+    let sweep = |job: &SweepJob| {
+        let warnings = Warnings::default();
+        let context = Context {
+            progress: &Silent,
+            warnings: &warnings,
+            force: true,
+        };
+        let outcome = sweep_job::run(job, &context);
+        let codes = warnings.sorted().into_iter().map(|warning| warning.code);
+        (outcome, codes.collect::<Vec<String>>())
+    };
+    job.fuse.fuse.min_depth = 1e6;
+    let message = sweep(&job).0.unwrap_err().to_string();
+    assert!(
+        message.contains("no pixel of 12 depth maps passed"),
+        "{message}"
+    );
+    assert!(!job.out.exists());
+    job.fuse.fuse.min_depth = 0.0;
+    job.tau = 0.1;
+    let message = sweep(&job).0.unwrap_err().to_string();
+    assert!(message.contains("--tau: needs --truth"), "{message}");
+    job.tau = 0.0;
+    assert!(sweep(&job).1.is_empty());
+    for view in scene.scene().views() {
+        let path = fuse_job.depths.join(mvsnet::file_name(view.id, ".pfm"));
+        let map = files::read_raster(&path)
+            .unwrap()
+            .map(|depth| depth * 1000.0);
+        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+    }
+    assert_eq!(sweep(&job).1, ["depth-units"]);
+}
