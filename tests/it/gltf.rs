@@ -434,3 +434,30 @@ fn textures_beyond_the_bound_are_refused_before_they_are_decoded() {
         stderr(&output)
     );
 }
+
+/// A triangle of which a texture coordinate is no number has its material's factor, the one beside it its texture.
+#[test]
+fn texture_coordinates_that_are_no_numbers_show_no_texture() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut builder = Builder::new();
+    let image = builder.embedded(&png(&halves([9, 8, 7], [9, 8, 7])));
+    let material = builder.material([1.0, 0.0, 0.0, 1.0], Some(image), json!({}));
+    builder.square([0.0, 0.0, 2.0], material, None);
+    let coords = [0.0f32, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0].map(f32::to_le_bytes);
+    let coords = coords.as_flattened();
+    let mut windows = builder.bytes.windows(coords.len());
+    let start = windows.position(|window| window == coords).unwrap();
+    // The second corner's, of the upper right triangle.
+    builder.bytes[start + 8..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let path = folder.path().join("m.glb");
+    builder.put_glb(&path);
+    let loaded = read(&path);
+    let said = &loaded.notes[0];
+    assert!(
+        said.contains("1 triangles have texture coordinates that are no finite"),
+        "{said}"
+    );
+    let rendering = look(&loaded);
+    let [upper, lower] = [(23, 3), (17, 8)].map(|(column, row)| rendering.color.get(column, row));
+    assert_eq!((upper, lower), ([255, 0, 0], [9, 0, 0]));
+}

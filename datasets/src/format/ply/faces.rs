@@ -49,19 +49,23 @@ impl Faces {
 }
 
 impl Faces {
-    /// Texture coordinates of all triangles, a face's own, else those of its vertices. Triangles that have neither
-    /// where others have some get [`NO_NUMBER`].
+    /// Texture coordinates of all triangles, a face's own, else those of its vertices. Triangles that have neither,
+    /// or none that are finite, where others have some get [`NO_NUMBER`].
     pub(super) fn take_coords(&mut self, of_vertices: Option<&[Vec2]>) -> Option<Vec<Corner>> {
         let at = |all: &[Vec2], triangle: &[u32; 3]| triangle.map(|vertex| all[vertex as usize]);
-        let Some(mut coords) = self.texture_coords.take() else {
-            let all = of_vertices?;
-            return Some(self.triangles.iter().map(|t| at(all, t)).collect());
+        let mut coords = match self.texture_coords.take() {
+            Some(coords) => coords,
+            None => {
+                let all = of_vertices?;
+                self.triangles.iter().map(|t| at(all, t)).collect()
+            }
         };
-        let is_none = |corner: &Corner| corner.iter().any(|coord| coord.x.is_nan());
+        let is_there = |corner: &Corner| corner.iter().all(|coord| coord.is_finite());
         let without = coords.iter_mut().enumerate();
-        for (index, corner) in without.filter(|(_, corner)| is_none(corner)) {
-            if let Some(all) = of_vertices {
-                *corner = at(all, &self.triangles[index]);
+        for (index, corner) in without.filter(|(_, corner)| !is_there(corner)) {
+            let others = of_vertices.map(|all| at(all, &self.triangles[index]));
+            if let Some(others) = others.filter(is_there) {
+                *corner = others;
                 continue;
             }
             *corner = [Vec2::ZERO; 3];

@@ -478,3 +478,28 @@ fn no_vertices_are_an_empty_cloud() {
             .is_empty()
     );
 }
+
+/// A triangle whose texture coordinates are no finite numbers has its vertices', and if those are not either no texture.
+#[test]
+fn texture_coordinates_that_are_no_numbers() {
+    let file = |own: &str, of_vertices: [&str; 3]| {
+        let vertex = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t";
+        let faces = "element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord";
+        let [a, b, c] = of_vertices;
+        let rows =
+            format!("0 0 0 {a}\n1 0 0 {b}\n0 1 0 {c}\n3 0 1 2 6 {own}\n3 0 1 2 6 0 0 1 0 1 1\n");
+        let head = "ply\nformat ascii 1.0\ncomment TextureFile t.png";
+        read_mesh(format!("{head}\n{vertex}\n{faces}\nend_header\n{rows}").as_bytes()).unwrap()
+    };
+    let finite = ["0.25 0.5", "0.5 0.5", "0.5 0.75"];
+    for odd in ["nan 0 1 0 1 1", "0 0 1 inf 1 1", "0 0 1 0 -inf nan"] {
+        let found = file(odd, finite);
+        let coords = found.mesh.texture_coords().unwrap();
+        assert_eq!(coords[0][0], Vec2::new(0.25, 0.5));
+        assert_eq!(found.untextured, 0);
+        let found = file(odd, ["0.25 0.5", "inf 0", "0.5 0.75"]);
+        assert_eq!(found.untextured, 1);
+        assert_eq!(found.mesh.triangle_materials(), Some(&[1, 0][..]));
+    }
+    assert_eq!(file("0 0 1 0 1 1", finite).untextured, 0);
+}

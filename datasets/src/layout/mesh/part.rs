@@ -9,9 +9,9 @@ use crate::format::ply::{PlyMesh, read_mesh};
 use crate::layout::files::read_with;
 use crate::layout::materials::{self, Draft, Library};
 use crate::layout::textures::Use;
-use crate::scene::{Material, Mesh};
+use crate::scene::{Corner, Material, Mesh};
 use std::cell::RefCell;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// A mesh whose materials still lack their textures.
@@ -33,6 +33,31 @@ impl Part {
         let mesh = mesh.with_materials(materials, slots)?;
         Ok(Self { mesh, drafts })
     }
+}
+
+/// Gives triangles of which a texture coordinate is no finite number their materials without textures; how many
+/// those are.
+fn untexture(coords: &[Corner], drafts: &mut Vec<Draft>, slots: &mut [u32]) -> usize {
+    let mut plain = BTreeMap::new();
+    let mut count = 0;
+    let is_there = |corners: &Corner| corners.iter().all(|corner| corner.is_finite());
+    let without = coords
+        .iter()
+        .zip(slots)
+        .filter(|(corners, _)| !is_there(corners));
+    for (_, slot) in without {
+        let draft = &drafts[*slot as usize];
+        if draft.texture.is_none() && draft.opacity.is_none() {
+            continue;
+        }
+        let color = Draft::from(draft.material.clone());
+        let number = plain.entry(*slot).or_insert_with(|| {
+            drafts.push(color);
+            u32::try_from(drafts.len() - 1).unwrap_or(u32::MAX)
+        });
+        (*slot, count) = (*number, count + 1);
+    }
+    count
 }
 
 /// What one mesh file says, before the files that it names are looked at.
@@ -109,6 +134,14 @@ fn gltf_part(
         });
     }
     let textured = drafts.iter().any(|draft| draft.texture.is_some());
+    let mut slots = file.triangle_materials;
+    let odd = untexture(&file.texture_coords, &mut drafts, &mut slots);
+    if odd > 0 {
+        let problem = format!(
+            "{odd} triangles have texture coordinates that are no finite numbers: they have their materials' colors"
+        );
+        library.note(path, problem);
+    }
     let build = || {
         let mut mesh = Mesh::new(file.vertices, file.triangles)?;
         if textured {
@@ -117,7 +150,7 @@ fn gltf_part(
         if let Some(colors) = file.vertex_colors {
             mesh = mesh.with_vertex_colors(colors)?;
         }
-        Part::new(mesh, drafts, Some(file.triangle_materials))
+        Part::new(mesh, drafts, Some(slots))
     };
     build().map_err(|error| Error::layout(path, error.to_string()))
 }
@@ -208,7 +241,7 @@ fn ply_part(path: &Path, file: PlyMesh, library: &mut Library) -> Result<Part> {
     }
     if untextured > 0 {
         let problem = format!(
-            "{untextured} triangles have no texture (a texnumber below 0, or no texture coordinates): they have \
+            "{untextured} triangles have no texture (a texnumber below 0, or no finite texture coordinates): they have \
              the colors of their vertices, if any"
         );
         library.note(path, problem);
