@@ -1,11 +1,11 @@
 use super::common::{Centre, Global, Verdict, with_context};
-use super::output::{self, answer, pairs, table};
+use super::output::{self, answer, pairs};
+use super::sweep::{self, SweepFlags};
 use clap::Args;
 use mvs_eval::config::{self, Size};
 use mvs_eval::fuse::{FuseOptions, presets};
-use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
+use mvs_eval::jobs::fuse::sweep::SweepJob;
 use mvs_eval::jobs::fuse::{self, FuseJob};
-use mvs_eval::{Error, Result};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -84,77 +84,6 @@ pub(crate) struct FuseArgs {
     fuse: FuseFlags,
 }
 
-#[derive(Debug, Args)]
-struct SweepFlags {
-    /// Fuse with a grid of parameters and write a table of what each gives
-    #[arg(long)]
-    sweep: bool,
-    /// A cloud of the true surface to score each combination by, in the crop volume where one is given; both
-    /// clouds are averaged over voxels of τ/2 first
-    #[arg(long, value_name = "PLY", requires = "sweep", requires = "tau")]
-    truth: Option<PathBuf>,
-    /// The distance below which points count, world units
-    #[arg(long, value_name = "T", requires = "sweep", requires = "truth")]
-    tau: Option<f64>,
-    /// Values of --max-pixel-error in the grid (default that flag's, else 0.5,1,2)
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
-    sweep_pixel_error: Vec<f64>,
-    /// Values of --min-sources in the grid (default that flag's, else 2,3,5)
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
-    sweep_min_sources: Vec<usize>,
-    /// Values of --min-confidence in the grid (default that flag's, else 0.3,0.6,0.8)
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
-    sweep_min_confidence: Vec<f32>,
-}
-
-impl SweepFlags {
-    /// The sweep around a job with these flags.
-    fn job(&self, fuse: FuseJob, flags: &FuseFlags) -> Result<SweepJob> {
-        let or = SweepJob::default();
-        Ok(SweepJob {
-            pixel_errors: axis(
-                ("--sweep-pixel-error", "--max-pixel-error"),
-                (&self.sweep_pixel_error, flags.max_pixel_error),
-                or.pixel_errors,
-            )?,
-            min_sources: axis(
-                ("--sweep-min-sources", "--min-sources"),
-                (&self.sweep_min_sources, flags.min_sources),
-                or.min_sources,
-            )?,
-            min_confidences: axis(
-                ("--sweep-min-confidence", "--min-confidence"),
-                (&self.sweep_min_confidence, flags.min_confidence),
-                or.min_confidences,
-            )?,
-            truth: self.truth.clone(),
-            tau: self.tau.unwrap_or_default(),
-            out: fuse.out.clone(),
-            fuse: FuseJob {
-                out: PathBuf::new(),
-                ..fuse
-            },
-        })
-    }
-}
-
-/// The values of one axis: the list's, else the flag's one, else the usual ones.
-fn axis<T: Copy>(
-    (list_flag, flag): (&str, &str),
-    (list, one): (&[T], Option<T>),
-    usual: Vec<T>,
-) -> Result<Vec<T>> {
-    match (list, one) {
-        ([], None) => Ok(usual),
-        ([], Some(one)) => Ok(vec![one]),
-        (list, None) => Ok(list.to_vec()),
-        (_, Some(_)) => {
-            let problem = format!("says the same as {flag}: give one of them");
-            Err(Error::invalid(list_flag, problem))
-        }
-    }
-}
-
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct FuseFlags {
     /// Procedure: hkust (default), geo, dynamic, gipuma, cluster
@@ -174,16 +103,16 @@ pub(crate) struct FuseFlags {
     max_sources: Option<usize>,
     /// Smallest confidence
     #[arg(long, value_name = "C")]
-    min_confidence: Option<f32>,
+    pub(super) min_confidence: Option<f32>,
     /// Largest reprojection error in pixels
     #[arg(long, value_name = "PX")]
-    max_pixel_error: Option<f64>,
+    pub(super) max_pixel_error: Option<f64>,
     /// Largest relative depth error
     #[arg(long, value_name = "R")]
     max_depth_error: Option<f64>,
     /// Source views that must agree, the reference view not counted
     #[arg(long, value_name = "N")]
-    min_sources: Option<usize>,
+    pub(super) min_sources: Option<usize>,
 }
 
 pub(crate) fn run(args: &FuseArgs, global: &Global) -> anyhow::Result<Verdict> {
@@ -197,53 +126,19 @@ pub(crate) fn run(args: &FuseArgs, global: &Global) -> anyhow::Result<Verdict> {
         output::say(&format!("fusing{}: {summary}", preset.unwrap_or_default()));
     }
     if args.sweep.sweep {
-        return execute_sweep(&args.sweep.job(job, &args.fuse)?, global);
+        let file = sweep_file(args, global)?;
+        return sweep::execute(&args.sweep.job(job, &args.fuse, file)?, global);
     }
     execute(&job, global)
-}
-
-pub(crate) fn execute_sweep(job: &SweepJob, global: &Global) -> anyhow::Result<Verdict> {
-    let outcome = with_context(global, |context| sweep::run(job, context))?;
-    answer(global.format, &outcome, || {
-        let mut table = table(&[
-            "min confidence",
-            "min sources",
-            "max pixel error",
-            "points",
-            "precision",
-            "recall",
-            "F-score",
-        ]);
-        for row in &outcome.rows {
-            let score = row
-                .score
-                .map_or(["–".to_owned(), "–".into(), "–".into()], |score| {
-                    [score.precision(), score.recall(), score.f_score()].map(|v| format!("{v:.4}"))
-                });
-            let options = [
-                or_dash(row.min_confidence),
-                or_dash(row.min_sources),
-                or_dash(row.max_pixel_error),
-                row.points.to_string(),
-            ];
-            table.add_row(options.into_iter().chain(score));
-        }
-        table
-    })?;
-    Ok(Verdict::Passed)
-}
-
-/// A value, or a dash where it counts for nothing.
-fn or_dash(value: Option<impl ToString>) -> String {
-    value.map_or_else(|| "–".to_owned(), |value| value.to_string())
 }
 
 /// The mode's options, overridden by the preset's, the file's, the flags'.
 fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
     let flags = config::layer_of(args)?;
-    let mut file = match &global.config {
-        Some(path) => config::read_layer_of::<FuseJob>(path, "fuse")?,
-        None => toml::Table::new(),
+    let mut file = match (sweep_file(args, global)?, &global.config) {
+        (Some(sweep), _) => of_sweep(sweep)?,
+        (None, Some(path)) => config::read_layer_of::<FuseJob>(path, "fuse")?,
+        (None, None) => toml::Table::new(),
     };
     let is_run = (global.config.as_deref()).is_some_and(config::is_run);
     if is_run && mode_of(&flags).is_some_and(|mode| Some(mode) != mode_of(&file)) {
@@ -273,6 +168,22 @@ fn job(args: &FuseArgs, global: &Global) -> anyhow::Result<FuseJob> {
     Ok(FuseJob {
         memory: args.memory,
         ..job
+    })
+}
+
+/// The file of a sweep, if one is asked for and the file is a sweep's.
+fn sweep_file(args: &FuseArgs, global: &Global) -> mvs_eval::Result<Option<SweepJob>> {
+    match &global.config {
+        Some(path) if args.sweep.sweep => sweep::read(path),
+        _ => Ok(None),
+    }
+}
+
+/// What a sweep says of the job around which it is.
+fn of_sweep(sweep: SweepJob) -> mvs_eval::Result<toml::Table> {
+    config::layer_of(&FuseJob {
+        out: sweep.out,
+        ..sweep.fuse
     })
 }
 

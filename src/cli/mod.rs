@@ -21,6 +21,7 @@ mod render;
 mod replay;
 mod report;
 mod score;
+mod sweep;
 mod tradeoff;
 mod verify;
 

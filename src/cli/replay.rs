@@ -1,7 +1,7 @@
 use super::common::{Global, Verdict};
 use super::{
     augment, blend, demo, depth, extremes, fuse, generate, output, pairs, render, report, score,
-    tradeoff, verify,
+    sweep, tradeoff, verify,
 };
 use clap::Args;
 use mvs_eval::Error;
@@ -81,7 +81,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "report" => report::execute(&options(layers, run_file)?, global),
         "render" => render::execute(&options(layers, run_file)?, global),
         "score" => score::execute(&options(layers, run_file)?, global),
-        "sweep" => fuse::execute_sweep(&options(layers, run_file)?, global),
+        "sweep" => sweep::execute(&options(layers, run_file)?, global),
         "fuse" => fuse::execute(&options(layers, run_file)?, global),
         other => anyhow::bail!("{}: unknown command `{other}`", args.run.display()),
     }

@@ -299,3 +299,50 @@ fn a_sweep_without_points_says_why_and_depths_in_other_units_are_said() {
     }
     assert_eq!(sweep(&job).1, ["depth-units"]);
 }
+
+/// The grid of a sweep before, changed by flags.
+#[test]
+fn a_sweep_takes_the_options_of_a_sweep() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let fuse_job = write_scene(&scene, None, folder.path());
+    let [first, second] = ["a", "b"].map(|name| folder.path().join(name).with_extension("csv"));
+    let job = SweepJob {
+        out: first.clone(),
+        pixel_errors: vec![0.25, 0.5],
+        min_sources: vec![2],
+        fuse: fuse_job,
+        ..SweepJob::default()
+    };
+    let warnings = Warnings::default();
+    let context = Context {
+        progress: &Silent,
+        warnings: &warnings,
+        force: false,
+    };
+    sweep_job::run(&job, &context).unwrap();
+    let run = first.with_extension("run.toml");
+    let again = |out: &Path, more: &[&str]| {
+        let arguments = [
+            "fuse",
+            "--sweep",
+            "--config",
+            text(&run),
+            "--out",
+            text(out),
+        ];
+        let output = mvs_eval(&[&arguments[..], more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        files::read_text(out).unwrap()
+    };
+    let expected = files::read_text(&first).unwrap();
+    assert_eq!(again(&second, &[]), expected);
+    let more = again(
+        &folder.path().join("c.csv"),
+        &["--sweep-min-sources", "2,4"],
+    );
+    assert!(
+        more.starts_with(&expected) && more.lines().count() == 5,
+        "{more}"
+    );
+}
