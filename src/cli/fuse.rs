@@ -126,6 +126,14 @@ pub(crate) fn run(args: &FuseArgs, global: &Global) -> anyhow::Result<Verdict> {
         output::say(&format!("fusing{}: {summary}", preset.unwrap_or_default()));
     }
     if args.sweep.sweep {
+        for (given, flag) in [
+            (&args.properties, "--properties"),
+            (&args.coordinates, "--coordinates"),
+        ] {
+            if given.is_some() {
+                anyhow::bail!("{flag}: expected none with --sweep, which writes a table, no cloud");
+            }
+        }
         let file = sweep_file(args, global)?;
         return sweep::execute(&args.sweep.job(job, &args.fuse, file)?, global);
     }

@@ -5,8 +5,8 @@ use super::fuse::FuseFlags;
 use super::output::{answer, table};
 use clap::Args;
 use mvs_eval::config;
-use mvs_eval::jobs::fuse::FuseJob;
 use mvs_eval::jobs::fuse::sweep::{self, SweepJob};
+use mvs_eval::jobs::fuse::{Coordinates, FuseJob, Properties};
 use mvs_eval::provenance::Run;
 use mvs_eval::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -64,6 +64,9 @@ impl SweepFlags {
             out: fuse.out.clone(),
             fuse: FuseJob {
                 out: PathBuf::new(),
+                // A table does not hang on how a cloud is written.
+                properties: Properties::default(),
+                coordinates: Coordinates::default(),
                 ..fuse
             },
         })

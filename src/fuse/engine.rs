@@ -196,7 +196,7 @@ impl Engine<'_> {
         let mut cache = Cache::new(self.inputs.memory);
         self.for_each_view(stage, |index| {
             let (mut reference, mut counts) = self.reference(index, from, rule, &mut cache)?;
-            (reference.needed, reference.soften) = (1, false);
+            (reference.needed, reference.soften) = (self.options.min_sources.min(1), false);
             let stride = reference.samples.stride();
             let mut stored = reference.samples.shape().zeros();
             let inner = stride..stored.len() - stride;

@@ -10,7 +10,7 @@ use mvs_datasets::scene::PointCloud;
 pub struct Columns(u8);
 
 /// How many kinds of rows of bytes there are.
-pub(super) const ROW_KINDS: usize = 32;
+pub(super) const ROW_KINDS: usize = 64;
 
 impl Columns {
     /// Unit normals in the world frame; zero where unknown.
@@ -23,8 +23,10 @@ impl Columns {
     pub const EXTRAS: Self = Self(8);
     /// Positions as f64 in rows of bytes, which have them as f32 otherwise: [`Points`] always have f64.
     pub const DOUBLES: Self = Self(16);
+    /// Numbers of views as f32 in rows of bytes, which have them as u8 otherwise: for scenes of more than 255 views.
+    pub const MANY: Self = Self(32);
     /// Which views see each point; rows of bytes never have that.
-    pub const VISIBLE: Self = Self(32);
+    pub const VISIBLE: Self = Self(64);
 
     /// As an index: of what rows of bytes may have.
     pub(super) const fn row_bits(self) -> u8 {
@@ -158,8 +160,9 @@ pub trait PointSink {
         None
     }
     /// Takes some points of a view as rows of bytes, where it wants them; else points. Little-endian and without
-    /// gaps: the position as three f32, or f64 if those are asked for, the normal as three f32, the colour, the number of views as u32, the
-    /// confidence as f32, the violations as u32 and the scale as f32, of which columns leave out some.
+    /// gaps: the position as three f32 or f64, the normal as three f32, the colour, the number of views as u8 or f32,
+    /// the confidence as f32, the violations as the number of views and the scale as f32, of which columns leave out
+    /// some.
     ///
     /// # Errors
     /// What stands in the way of writing them.

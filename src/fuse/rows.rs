@@ -6,7 +6,8 @@ use std::ops::Range;
 
 /// Bytes of a row of these columns.
 pub(super) const fn row_bytes(columns: Columns) -> usize {
-    let mut bytes = 12 + 4;
+    let numbers = if columns.has(Columns::MANY) { 4 } else { 1 };
+    let mut bytes = 12 + numbers;
     if columns.has(Columns::DOUBLES) {
         bytes += 12;
     }
@@ -20,7 +21,7 @@ pub(super) const fn row_bytes(columns: Columns) -> usize {
         bytes += 4;
     }
     if columns.has(Columns::EXTRAS) {
-        bytes += 8;
+        bytes += numbers + 4;
     }
     bytes
 }
@@ -132,6 +133,38 @@ const PUT: [Put; ROW_KINDS] = [
     put::<29, { bytes(29) }>,
     put::<30, { bytes(30) }>,
     put::<31, { bytes(31) }>,
+    put::<32, { bytes(32) }>,
+    put::<33, { bytes(33) }>,
+    put::<34, { bytes(34) }>,
+    put::<35, { bytes(35) }>,
+    put::<36, { bytes(36) }>,
+    put::<37, { bytes(37) }>,
+    put::<38, { bytes(38) }>,
+    put::<39, { bytes(39) }>,
+    put::<40, { bytes(40) }>,
+    put::<41, { bytes(41) }>,
+    put::<42, { bytes(42) }>,
+    put::<43, { bytes(43) }>,
+    put::<44, { bytes(44) }>,
+    put::<45, { bytes(45) }>,
+    put::<46, { bytes(46) }>,
+    put::<47, { bytes(47) }>,
+    put::<48, { bytes(48) }>,
+    put::<49, { bytes(49) }>,
+    put::<50, { bytes(50) }>,
+    put::<51, { bytes(51) }>,
+    put::<52, { bytes(52) }>,
+    put::<53, { bytes(53) }>,
+    put::<54, { bytes(54) }>,
+    put::<55, { bytes(55) }>,
+    put::<56, { bytes(56) }>,
+    put::<57, { bytes(57) }>,
+    put::<58, { bytes(58) }>,
+    put::<59, { bytes(59) }>,
+    put::<60, { bytes(60) }>,
+    put::<61, { bytes(61) }>,
+    put::<62, { bytes(62) }>,
+    put::<63, { bytes(63) }>,
 ];
 
 const fn bytes(columns: u8) -> usize {
@@ -223,14 +256,29 @@ fn put_row(columns: Columns, points: &impl Entries, i: usize, mut row: &mut [u8]
     if columns.has(Columns::COLORS) {
         field(row, points.color(i));
     }
-    field(row, points.view_count(i).to_le_bytes());
+    number(columns, row, points.view_count(i));
     if columns.has(Columns::CONFIDENCES) {
         field(row, points.confidence(i).to_le_bytes());
     }
     if columns.has(Columns::EXTRAS) {
         let (violations, scale) = points.extras(i);
-        field(row, violations.to_le_bytes());
+        number(columns, row, violations);
         field(row, scale.to_le_bytes());
+    }
+}
+
+/// Puts a number of views where `row` begins, in a type that all readers know.
+#[inline(always)]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "f32 is exact below 2^24, and u8 asked for where there are no more views"
+)]
+fn number(columns: Columns, row: &mut &mut [u8], views: u32) {
+    if columns.has(Columns::MANY) {
+        field(row, (views as f32).to_le_bytes());
+    } else {
+        field(row, [views as u8]);
     }
 }
 

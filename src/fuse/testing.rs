@@ -153,12 +153,16 @@ pub(crate) fn as_bytes(points: &Points, columns: Columns) -> Vec<u8> {
         if columns.has(Columns::COLORS) {
             bytes.extend(points.colors[at]);
         }
-        bytes.extend(points.view_counts[at].to_le_bytes());
+        let number = |views: u32| match columns.has(Columns::MANY) {
+            true => (views as f32).to_le_bytes().to_vec(),
+            false => vec![views as u8],
+        };
+        bytes.extend(number(points.view_counts[at]));
         if columns.has(Columns::CONFIDENCES) {
             bytes.extend(points.confidences[at].to_le_bytes());
         }
         if columns.has(Columns::EXTRAS) {
-            bytes.extend(points.violations[at].to_le_bytes());
+            bytes.extend(number(points.violations[at]));
             bytes.extend(points.scales[at].to_le_bytes());
         }
     }

@@ -175,7 +175,7 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
         progress: context.progress,
         warnings: context.warnings,
     };
-    let doubles = job.coordinates.are_doubles(&maps, context.warnings)?;
+    let doubles = job.coordinates.are_doubles(&maps, context.warnings);
     let outcome = write_cloud(job, &maps, (&inputs, doubles, context.force));
     maps.warn_of_turned();
     let outcome = outcome?;
@@ -287,8 +287,9 @@ fn write_cloud(
     let mut outcome = None;
     let written = files::write_atomically(&job.out, |out| {
         let extras = Columns::EXTRAS.when(job.properties == Properties::Full);
-        let coordinates = Columns::DOUBLES.when(doubles);
-        let columns = columns(maps, &job.fuse).and(extras).and(coordinates);
+        let types = Columns::DOUBLES.when(doubles);
+        let types = types.and(Columns::MANY.when(maps.count() > usize::from(u8::MAX)));
+        let columns = columns(maps, &job.fuse).and(extras).and(types);
         let ply = output::PlySink::new(out, columns, &comments(job), &job.out)?;
         let mut outputs = Outputs {
             ply,

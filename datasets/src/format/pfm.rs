@@ -116,6 +116,19 @@ fn is_zero(bytes: &[u8]) -> bool {
     bits == 0 && rest.iter().all(|&byte| byte == 0)
 }
 
+/// The values of one row in `every` so many of a one-channel PFM of this size, as stored; the others are not looked at.
+pub fn gray_rows(bytes: &[u8], size: (u32, u32), every: usize) -> Result<Vec<f32>, FormatError> {
+    let (header, body) = read_gray_of(bytes, size)?;
+    let rows = body.chunks_exact((4 * size.0 as usize).max(1));
+    let mut values = Vec::new();
+    for row in rows.step_by(every.max(1)) {
+        let start = values.len();
+        values.resize(start + row.len() / 4, 0.0);
+        header.convert(row.as_chunks().0, &mut values[start..]);
+    }
+    Ok(values)
+}
+
 /// Puts the `wanted` columns of every row, numbered from the top, of a one-channel PFM of this size where they
 /// belong in `to`, which is row-major. Values are as stored; what is not wanted is not looked at. `passed` is as
 /// for [`gray_runs`].

@@ -172,14 +172,14 @@ fn bits_are_numbered_in_order() {
 #[test]
 fn full_rows_of_bytes_lie_side_by_side() {
     let (mut block, mut room, consensus) = (Block::new(), Room::new(0), Consensus::new());
-    let most = 1024; // times 28 bytes: whole pages
+    let most = 4096; // times 25 bytes: whole pages
     let mut bytes = BandBytes::default();
     bytes.begin(3, most, Columns::DOUBLES);
     for row in [1, 0, 2] {
         for first in (0..most).step_by(BLOCK) {
             block.len = 0;
             for i in 0..BLOCK {
-                block.push(Grid::whole(2000), (first + i) as u32, row, 1.0);
+                block.push(Grid::whole(5000), (first + i) as u32, row, 1.0);
                 room.position[0][i] = (first + i) as f64 + 10_000.0 * f64::from(row);
             }
             let points = BlockPoints {
@@ -194,7 +194,7 @@ fn full_rows_of_bytes_lie_side_by_side() {
         }
     }
     for (row, bytes) in bytes.rows().enumerate() {
-        let (points, rest) = bytes.as_chunks::<28>();
+        let (points, rest) = bytes.as_chunks::<25>();
         assert_eq!((points.len(), rest.len()), (most, 0));
         for (at, point) in points.iter().enumerate() {
             let x = f64::from_le_bytes(*point.first_chunk().unwrap());

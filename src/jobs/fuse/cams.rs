@@ -1,12 +1,14 @@
 //! A folder of cams as depth maps to fuse: which views, and the size that each camera is for.
 
 use super::FuseJob;
+use super::coordinates::usual_depth;
 use super::find::{camera_for, check_present, find_image, find_mask};
 use super::maps::{Encoding, Entry};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::generate;
 use crate::jobs::{Context, cameras};
+use glam::DVec2;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, CamsOptions};
@@ -104,7 +106,11 @@ fn entry(
 ) -> Result<Entry> {
     let view = &scene.views()[index];
     let depth = depth_path(job, view);
-    let size = files::read_with(&depth, pfm::read_size)?;
+    let (size, usual_depth) = files::read_with(&depth, |bytes| {
+        let size = pfm::read_size(bytes)?;
+        let rows = |every| pfm::gray_rows(bytes, size, every);
+        Ok((size, usual_depth(size, rows)))
+    })?;
     let image = image_of(&job.scene, view.id);
     let camera = sizes.camera(job, (view, size), image.as_deref())?;
     sizes.note_shape(view.id, (camera.width(), camera.height()), size);
@@ -119,6 +125,7 @@ fn entry(
             .collect(),
         number: u32::try_from(index).unwrap_or(u32::MAX),
         encoding: Encoding::Pfm,
+        usual_depth,
         normals: None,
         confidence: job.confidence_paths(view.id),
         mask: mask.transpose()?,
@@ -208,6 +215,11 @@ impl Sizes {
                 size,
                 Some("the images', whose middle is far from the principal point"),
             )
+        } else if let Some(size) = times(depth, &view.camera) {
+            (
+                size,
+                Some("so many times the depth maps', whose middle is near the principal point"),
+            )
         } else if same_shape(twice, depth) {
             (twice, Some("twice the principal point"))
         } else {
@@ -258,6 +270,31 @@ impl Sizes {
     }
 }
 
+/// So many times the depth maps' size, from twice on, if the principal point is near the middle then: of several the
+/// one whose middle is nearest.
+fn times(depth: Size, camera: &Camera) -> Option<Size> {
+    let size = |times: u32| {
+        let (width, height) = (
+            depth.width.checked_mul(times)?,
+            depth.height.checked_mul(times)?,
+        );
+        Some(Size { width, height })
+    };
+    let off = |size: &Size| {
+        let middle = 0.5 * DVec2::new(f64::from(size.width), f64::from(size.height));
+        ((camera.center() - middle) / middle).abs().max_element()
+    };
+    let sizes = (2..=MOST_TIMES).filter_map(size);
+    let nearest = sizes.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+    (off(&nearest) < NEAR_MIDDLE).then_some(nearest)
+}
+
+/// How much smaller depth maps are than images at most.
+const MOST_TIMES: u32 = 8;
+/// How far the principal point may lie from the middle, in halves of the image: less than half the way to the middle
+/// of the next size.
+const NEAR_MIDDLE: f64 = 0.05;
+
 /// Whether two sizes have about the same ratio of width to height.
 fn same_shape(a: Size, b: Size) -> bool {
     let ratio = |size: Size| f64::from(size.width) / f64::from(size.height);
@@ -267,7 +304,6 @@ fn same_shape(a: Size, b: Size) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec2;
     use mvs_datasets::scene::Pose;
 
     /// A view as a `cam.txt` gives it: its size is twice the principal point.
@@ -318,5 +354,21 @@ mod tests {
             size_of(&job, (100.0, 240.0), (640, 480)).unwrap(),
             (640, 480)
         );
+    }
+
+    #[test]
+    fn a_multiple_of_the_depth_maps_size_is_that_whose_middle_is_near() {
+        let depth = Size {
+            width: 192,
+            height: 144,
+        };
+        let found = |x, y| times(depth, &view((x, y)).camera).map(|size| (size.width, size.height));
+        assert_eq!(found(381.87, 285.56), Some((768, 576)));
+        assert_eq!(found(192.0, 144.0), Some((384, 288)));
+        assert_eq!(found(768.0, 590.0), Some((1536, 1152)));
+        // The depth maps' own size is asked about before; no multiple; another shape.
+        assert_eq!(found(96.0, 72.0), None);
+        assert_eq!(found(240.0, 180.0), None);
+        assert_eq!(found(384.0, 200.0), None);
     }
 }

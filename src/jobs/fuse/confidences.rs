@@ -8,7 +8,8 @@ pub(super) fn smallest(mut maps: Vec<Raster<f32>>, size: (u32, u32)) -> Option<R
     maps.into_iter().reduce(|least, map| smaller(least, &map))
 }
 
-/// The smaller value at each pixel; where `other` has fewer pixels, its nearest. NaN stays NaN.
+/// The smaller value at each pixel; where `other` has fewer pixels, its nearest. NaN and ∞,
+/// which are none, stay.
 fn smaller(mut least: Raster<f32>, other: &Raster<f32>) -> Raster<f32> {
     let (width, height) = least.size();
     let nearest = |index: u32, length: u32, of: u32| {
@@ -21,8 +22,9 @@ fn smaller(mut least: Raster<f32>, other: &Raster<f32>) -> Raster<f32> {
                 nearest(column, width, other.width()),
                 nearest(row, height, other.height()),
             );
-            let value = other.get(at.0, at.1);
-            if value < least.get(column, row) || value.is_nan() {
+            let (own, value) = (least.get(column, row), other.get(at.0, at.1));
+            let is_none = |value: f32| value.is_nan() || value == f32::INFINITY;
+            if !is_none(own) && (value < own || is_none(value)) {
                 least.set(column, row, value);
             }
         }

@@ -46,6 +46,8 @@ pub(super) struct Entry {
     /// by which COLMAP counts, asked for only where `.vis` is written.
     pub(super) number: u32,
     pub(super) encoding: Encoding,
+    /// See [`usual_depth`](super::coordinates::usual_depth).
+    pub(super) usual_depth: Option<f32>,
     pub(super) depth: PathBuf,
     pub(super) normals: Option<PathBuf>,
     pub(super) confidence: Vec<PathBuf>,
@@ -405,6 +407,12 @@ impl FolderMaps<'_> {
             self.warnings.add("depth-units", problem);
         }
         Ok(())
+    }
+
+    /// The least of the views' usual depths; `None` where no view has any.
+    pub(super) fn usual_depth(&self) -> Option<f32> {
+        let depths = self.entries.iter().filter_map(|entry| entry.usual_depth);
+        depths.min_by(f32::total_cmp)
     }
 
     /// The place among all views of the scene of the view number `index`.

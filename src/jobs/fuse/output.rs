@@ -206,12 +206,17 @@ fn properties(columns: Columns) -> Vec<(&'static str, Scalar)> {
     if columns.has(Columns::COLORS) {
         all.extend(["red", "green", "blue"].map(|name| (name, Scalar::Uchar)));
     }
-    all.push(("views", Scalar::Uint));
+    // COLMAP reads no integers but of 8 bits.
+    let number = match columns.has(Columns::MANY) {
+        true => Scalar::Float,
+        false => Scalar::Uchar,
+    };
+    all.push(("views", number));
     if columns.has(Columns::CONFIDENCES) {
         all.push(("confidence", Scalar::Float));
     }
     if columns.has(Columns::EXTRAS) {
-        all.extend([("violations", Scalar::Uint), ("scale", Scalar::Float)]);
+        all.extend([("violations", number), ("scale", Scalar::Float)]);
     }
     all
 }

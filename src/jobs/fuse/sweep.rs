@@ -2,7 +2,7 @@
 //! shows.
 
 use super::maps::FolderMaps;
-use super::{Coordinates, FuseJob, Properties, check_out_files};
+use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
 use crate::jobs::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
@@ -165,8 +165,6 @@ impl SweepJob {
             (fuse.voxel != 0.0, "--voxel"),
             (fuse.vis, "--vis"),
             (fuse.filtered_depths.is_some(), "--filtered-depths"),
-            (fuse.properties != Properties::default(), "--properties"),
-            (fuse.coordinates != Coordinates::default(), "--coordinates"),
         ];
         if let Some((_, flag)) = odd.iter().find(|(given, _)| *given) {
             let problem =

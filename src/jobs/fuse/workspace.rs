@@ -1,6 +1,7 @@
 //! A COLMAP dense workspace as depth maps to fuse.
 
 use super::FuseJob;
+use super::coordinates::usual_depth;
 use super::find::{camera_for, check_present};
 use super::maps::{Encoding, Entry};
 use crate::error::{Error, Result};
@@ -109,7 +110,13 @@ fn entry(
         return Err(Error::invalid(format!("image {}", view.name), problem));
     }
     let depth = workspace.depth(&view.name, job.stereo);
-    let size = files::read_with(&depth, dense::read_size)?;
+    let (size, usual_depth) = files::read_with(&depth, |bytes| {
+        let size = dense::read_size(bytes)?;
+        Ok((
+            size,
+            usual_depth(size, |every| dense::gray_rows(bytes, every)),
+        ))
+    })?;
     let existing = |path: PathBuf| path.exists().then_some(path);
     let mask = job.masks.as_ref().map(|folder| {
         let path = folder.join(format!("{}.png", view.name));
@@ -123,6 +130,7 @@ fn entry(
         sources,
         number,
         encoding: Encoding::Dense,
+        usual_depth,
         normals: existing(workspace.normals(&view.name, job.stereo)),
         confidence: job.confidence_paths(view.id),
         mask: mask.transpose()?,

@@ -30,6 +30,7 @@ fn coordinates_are_floats_where_that_is_exact_enough_and_doubles_far_away() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();
     let mut job = write_scene(&scene, None, folder.path());
+    let out = job.out.clone();
     let mut cloud = |coordinates| {
         job.coordinates = coordinates;
         fuse(&job, true).unwrap();
@@ -42,6 +43,18 @@ fn coordinates_are_floats_where_that_is_exact_enough_and_doubles_far_away() {
     assert!(!is_double);
     assert_eq!(near.colors(), exact.colors());
     let depth = scene.scene().views()[0].depth_range.unwrap().min();
+    // What COLMAP reads.
+    let types = ["double", "float", "uchar"];
+    let properties = header(&out);
+    let properties = properties
+        .lines()
+        .filter_map(|line| line.strip_prefix("property "));
+    assert!(properties.clone().count() > 6);
+    assert!(
+        properties
+            .clone()
+            .all(|property| types.iter().any(|type_| property.starts_with(type_)))
+    );
     let off = |found: &PointCloud, expected: &[DVec3]| {
         let both = found.positions().iter().zip(expected);
         both.map(|(found, expected)| (*found - *expected).abs().max_element())
@@ -74,6 +87,68 @@ fn coordinates_are_floats_where_that_is_exact_enough_and_doubles_far_away() {
         "{}",
         said.message
     );
+}
+
+/// Neither a background that is left out nor what ranges or other views say makes a scene near.
+#[test]
+fn coordinates_are_for_the_nearest_usual_depths() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    let is_double = || {
+        fuse(&job, true).unwrap();
+        header(&job.out).contains("property double x")
+    };
+    let change = |id: u32, to: &dyn Fn(usize, f32) -> f32| {
+        let path = job.depths.join(mvsnet::file_name(id, ".pfm"));
+        let mut map = files::read_raster(&path).unwrap();
+        for (at, value) in map.values_mut().iter_mut().enumerate() {
+            *value = to(at, *value);
+        }
+        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+    };
+    for view in scene.scene().views() {
+        change(view.id, &|at, depth| if at % 10 < 7 { 1e10 } else { depth });
+    }
+    assert!(!is_double());
+    move_cams(&scene, folder.path(), DVec3::new(0.0, 1e3, 0.0));
+    assert!(is_double());
+    change(scene.scene().views()[0].id, &|_, _| 1e9);
+    assert!(is_double());
+}
+
+/// Of more than 255 views numbers of views are floats.
+#[test]
+fn many_views_are_counted() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let views = scene.scene().views();
+    let mut pairs = "300\n".to_owned();
+    for id in 0..300 {
+        let of = &views[id as usize % views.len()];
+        for (part, suffix) in [("cams", "_cam.txt"), ("depths", ".pfm")] {
+            let name = |id| folder.path().join(part).join(mvsnet::file_name(id, suffix));
+            if id >= views.len() as u32 {
+                std::fs::copy(name(of.id), name(id)).unwrap();
+            }
+        }
+        let others = (0..300).filter(|other| *other != id);
+        let others: Vec<String> = others.map(|other| format!("{other} 1")).collect();
+        pairs += &format!("{id}\n299 {}\n", others.join(" "));
+    }
+    write(&folder.path().join("cams/pair.txt"), pairs);
+    job.fuse = FuseOptions::of(FuseMode::Geo);
+    job.fuse.max_sources = 0;
+    job.properties = Properties::Full;
+    fuse(&job, true).unwrap();
+    let header = header(&job.out);
+    let types = ["property float views", "property float violations"];
+    assert!(types.iter().all(|line| header.contains(line)), "{header}");
+    let cloud = files::read_cloud(&job.out).unwrap();
+    // Each place is seen 25 times.
+    let counts = cloud.view_counts().unwrap();
+    assert!(counts.iter().all(|&count| count >= 25) && counts.iter().any(|&count| count > 255));
 }
 
 /// Masked pixels and depths beyond the range are filled in from no other view.
@@ -256,6 +331,23 @@ fn the_order_of_confidences_does_not_matter() {
     job.confidence.reverse();
     fuse(&job, true).unwrap();
     assert!(std::fs::read(&job.out).unwrap() == expected);
+    // Infinity is none in any of them, as NaN.
+    let name = mvsnet::file_name(scene.scene().views()[0].id, ".pfm");
+    let mut unconfident = Vec::new();
+    for (place, value) in [(0, f32::INFINITY), (1, f32::INFINITY), (0, f32::NAN)] {
+        let path = job.confidence[place].join(&name);
+        let before = std::fs::read(&path).unwrap();
+        let mut map = files::read_raster(&path).unwrap();
+        map.values_mut().fill(value);
+        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+        unconfident.push(fuse(&job, true).unwrap().counts.unconfident);
+        write(&path, before);
+    }
+    let none = unconfident[2];
+    assert!(
+        none > 160 * 120 / 2 && unconfident == [none; 3],
+        "{unconfident:?}"
+    );
     job.confidence = vec![small.clone(), small];
     let message = fuse(&job, true).unwrap_err().to_string();
     assert!(
@@ -300,4 +392,22 @@ fn filtered_depths_take_no_file_for_their_folder_and_leave_no_map_of_the_run_bef
     let left = maps();
     assert!(left.len() == 12 && left.contains(&mine), "{left:?}");
     assert!(!left.iter().any(|path| path.ends_with(&last)), "{left:?}");
+}
+
+/// No source needs to agree where none is asked for, in no pass.
+#[test]
+fn no_source_may_be_asked_for() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    for mode in [FuseMode::Hkust, FuseMode::Geo] {
+        job.fuse = FuseOptions::of(mode);
+        job.fuse.min_sources = 0;
+        let counts = fuse(&job, true).unwrap().counts;
+        assert_eq!(
+            (counts.inconsistent, counts.fused + counts.contradicted),
+            (0, counts.pixels - counts.empty),
+            "{mode:?}"
+        );
+    }
 }

@@ -1,7 +1,7 @@
 //! The same maps with a grid of parameters.
 
 use super::*;
-use crate::support::{mvs_eval, stderr, text};
+use crate::support::{mvs_eval, stderr, text, write};
 use mvs_datasets::format::ply::{self, PlyOptions};
 use mvs_eval::jobs::score::{self, ScoreJob};
 
@@ -337,6 +337,30 @@ fn a_sweep_takes_the_options_of_a_sweep() {
     };
     let expected = files::read_text(&first).unwrap();
     assert_eq!(again(&second, &[]), expected);
+    // How a cloud is written does not matter to a table, whatever a run of the version before says.
+    let of_before = files::read_text(&run).unwrap();
+    let basic = "properties = \"basic\"";
+    assert!(of_before.contains(basic), "{of_before}");
+    write(&run, of_before.replace(basic, "properties = \"full\""));
+    let replayed = folder.path().join("r.csv");
+    let output = mvs_eval(&["replay", text(&run), "--out", text(&replayed)]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(files::read_text(&replayed).unwrap(), expected);
+    let full = [
+        "fuse",
+        "--sweep",
+        "--config",
+        text(&run),
+        "--properties",
+        "full",
+    ];
+    let said = stderr(&mvs_eval(
+        &[&full[..], &["--out", text(&replayed), "--force"]].concat(),
+    ));
+    assert!(
+        said.contains("--properties: expected none with --sweep"),
+        "{said}"
+    );
     let more = again(
         &folder.path().join("c.csv"),
         &["--sweep-min-sources", "2,4"],

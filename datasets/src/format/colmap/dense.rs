@@ -29,7 +29,16 @@ pub fn read_normals(bytes: &[u8]) -> Result<NormalMap, FormatError> {
 /// (width, height), and the values of each channel.
 type Channels = ((u32, u32), Vec<Vec<f32>>);
 
-fn read(bytes: &[u8], expected: u32) -> Result<Channels, FormatError> {
+/// The values of one row in `every` so many of an array of one channel, as they are; the others are not looked at.
+pub fn gray_rows(bytes: &[u8], every: usize) -> Result<Vec<f32>, FormatError> {
+    let ((width, _), body) = body_of(bytes, 1)?;
+    let rows = body.chunks_exact((4 * width as usize).max(1));
+    let rows = rows.step_by(every.max(1)).flat_map(|row| row.as_chunks().0);
+    Ok(rows.map(|&value| f32::from_le_bytes(value)).collect())
+}
+
+/// (width, height), and the bytes of the values.
+fn body_of(bytes: &[u8], expected: u32) -> Result<((u32, u32), &[u8]), FormatError> {
     let (width, height, channels, start) = header(bytes)?;
     if channels != expected {
         let problem = format!("expected {expected} channels, found {channels}");
@@ -45,6 +54,12 @@ fn read(bytes: &[u8], expected: u32) -> Result<Channels, FormatError> {
         );
         return Err(FormatError::new(format!("byte {start}"), problem));
     }
+    Ok(((width, height), body))
+}
+
+fn read(bytes: &[u8], expected: u32) -> Result<Channels, FormatError> {
+    let ((width, height), body) = body_of(bytes, expected)?;
+    let pixels = u64::from(width) * u64::from(height);
     let values: Vec<f32> = body
         .as_chunks::<4>()
         .0

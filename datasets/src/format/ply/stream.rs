@@ -9,8 +9,6 @@ pub enum Scalar {
     Double,
     /// 32-bit.
     Float,
-    /// Unsigned 32-bit.
-    Uint,
     /// Unsigned 8-bit.
     Uchar,
 }
@@ -20,7 +18,6 @@ impl Scalar {
         match self {
             Self::Double => "double",
             Self::Float => "float",
-            Self::Uint => "uint",
             Self::Uchar => "uchar",
         }
     }
@@ -29,7 +26,7 @@ impl Scalar {
     pub fn size(self) -> usize {
         match self {
             Self::Double => 8,
-            Self::Float | Self::Uint => 4,
+            Self::Float => 4,
             Self::Uchar => 1,
         }
     }
