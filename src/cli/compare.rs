@@ -10,7 +10,8 @@ use std::path::PathBuf;
 ///
 /// A difference counts when it is larger than the records' confidence intervals allow (see
 /// `score --bootstrap`, which says where they are too narrow) and larger than --tolerance. A score that
-/// failed its gates counts as none: what passed them before is lost then, which is worse.
+/// failed its gates counts as none beside one that passed them: what passed them before is lost then, which
+/// is worse. Where both failed, their F-scores are compared all the same.
 ///
 /// Sets of different protocols or profiles, and scores of one cell against different truths, in different
 /// crops or with different samplings of meshes, are refused unless --mix is given.

@@ -35,6 +35,10 @@ impl ReplayArgs {
 }
 
 pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict> {
+    anyhow::ensure!(
+        global.config.is_none(),
+        "--config: expected none, as replay takes the options of the run.toml, found one"
+    );
     let run = Run::read(&args.run)?;
     if run.version != VERSION {
         output::say(&format!(

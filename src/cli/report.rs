@@ -27,7 +27,8 @@ use std::path::{Path, PathBuf};
 /// Example: mvs-eval report results --out leaderboards
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct ReportArgs {
-    /// Files of records (scores.csv, results.csv), or folders that hold such files
+    /// Files of records (scores.csv, results.csv), or folders that hold such files; those of reports in a folder are
+    /// passed over
     #[serde(skip_serializing_if = "Vec::is_empty")]
     records: Vec<PathBuf>,
     /// The folder to write
@@ -41,11 +42,11 @@ pub(crate) struct ReportArgs {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pictures: Vec<PathBuf>,
     /// Check a published table instead
-    #[arg(long, value_name = "TABLE", conflicts_with_all = ["records", "out"])]
+    #[arg(long, value_name = "TABLE", conflicts_with_all = ["records", "out", "title", "pictures"])]
     #[serde(skip)]
     check: Option<PathBuf>,
     /// Write the README.md of folders of measurements instead
-    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["records", "out", "check"])]
+    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["records", "out", "title", "pictures", "check"])]
     #[serde(skip)]
     folder: Vec<PathBuf>,
     /// With --folder: also put its first table and its pictures into this Markdown file
@@ -55,6 +56,10 @@ pub(crate) struct ReportArgs {
 }
 
 pub(crate) fn run(args: &ReportArgs, global: &Global) -> anyhow::Result<Verdict> {
+    anyhow::ensure!(
+        global.config.is_none() || (args.folder.is_empty() && args.check.is_none()),
+        "--config: expected none beside --check and --folder, which have no options in a run.toml, found one"
+    );
     if !args.folder.is_empty() {
         return folders(&args.folder, args.into.as_deref(), global);
     }

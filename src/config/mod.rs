@@ -69,9 +69,15 @@ pub fn is_run(path: &Path) -> bool {
     Run::read(path).is_ok()
 }
 
-/// Two ways to say one thing, of which the second wins: where a layer says the first, what lower layers
-/// say of the second does not count.
-const INSTEAD: [(&str, &str); 1] = [("d0", "sigma")];
+/// Two ways to say one thing, which do not go together or of which the second wins: where a layer says the first,
+/// what lower layers say of the second does not count.
+const INSTEAD: [(&str, &str); 5] = [
+    ("d0", "sigma"),
+    ("min_confidence", "confidence_quantile"),
+    ("confidence_quantile", "min_confidence"),
+    ("transform", "trajectory"),
+    ("trajectory", "transform"),
+];
 
 /// Overrides `base` with `over`, table by table.
 fn merge(base: &mut Table, over: Table) {
@@ -161,5 +167,19 @@ mod tests {
         // A run.toml says both.
         let both = "d0 = 5000.0\nsigma = 2.0";
         assert_eq!(after(both)["sigma"], table(both)["sigma"]);
+        for (one, other) in [
+            ("min_confidence", "confidence_quantile"),
+            ("transform", "trajectory"),
+        ] {
+            for (below, above) in [(one, other), (other, one)] {
+                let [mut base, flags] = [below, above].map(|name| table(&format!("{name} = 0.5")));
+                merge(&mut base, flags.clone());
+                assert_eq!(base, flags);
+                // A run.toml of fusion says both.
+                let whole = table(&format!("{below} = 0.0\n{above} = 0.25"));
+                merge(&mut base, whole.clone());
+                assert_eq!(base, whole);
+            }
+        }
     }
 }

@@ -64,6 +64,13 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
         let problem = "expected images (.jpg or .png) here or in blended_images/, found none";
         return Err(mvs_datasets::Error::layout(&job.images, problem).into());
     }
+    if let Some(name) = names.iter().find(|name| !folder.join(name).exists()) {
+        let problem = "expected a file name in UTF-8, which records can hold, found other bytes: rename the file";
+        return Err(Error::invalid(
+            folder.join(name).display().to_string(),
+            problem,
+        ));
+    }
     context.warn_of_unfinished(&[&folder], &job.out);
     let run = Run::new("augment", job, &OutDir::inputs(&job.out, &[&folder])?)?;
     let out = OutDir::create(&job.out, run, context.force)?;

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 
 /// Relative depth error allowed to a rendered map: twice the rounding of f32, near enough.
 pub const DEPTH_BOUND: f64 = 1e-7;
-/// Change of precision and recall allowed under any offset: a count or two in a million.
+/// Change of precision and recall allowed under any offset, from a million points on: a count or two in them.
 pub const SCORE_BOUND: f64 = 1e-6;
 
 /// Options of `mvs-eval extremes`.
@@ -158,10 +158,15 @@ impl Rows {
 
 /// Measures everything and writes `extremes.csv`.
 pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> {
-    for (value, option) in [(job.points, "--points"), (job.width, "--width")] {
-        if value == 0 {
-            return Err(Error::invalid(option, "expected at least 1, found 0"));
-        }
+    if job.points < 2 {
+        let problem = format!(
+            "expected at least 2, as the reconstruction has half as many, found {}",
+            job.points
+        );
+        return Err(Error::invalid("--points", problem));
+    }
+    if job.width == 0 {
+        return Err(Error::invalid("--width", "expected at least 1, found 0"));
     }
     let out = OutDir::create(
         &job.out,

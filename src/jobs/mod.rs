@@ -49,18 +49,22 @@ pub struct Context<'a> {
 
 impl Context<'_> {
     /// Says which of these inputs belong to results that are not finished: part of them may be missing. The result at
-    /// `out`, which is made further, does not count, nor does the `demo` that it is a part of.
+    /// `out`, which is made further, does not count, nor does the `demo` or the batch of scores that it is a part
+    /// of.
     fn warn_of_unfinished(&self, inputs: &[&Path], out: &Path) {
         let (own, around) = (real_folder(out), out.ancestors().find_map(real_folder));
-        let is_demo = |folder: &Path| {
+        let has_parts = |folder: &Path| {
             let made = Run::read(&folder.join(UNFINISHED));
-            made.is_ok_and(|run| run.command == "demo")
+            made.is_ok_and(|run| match run.command.as_str() {
+                "score" => run.options.contains_key("all"),
+                command => command == "demo",
+            })
         };
         let is_own = |folder: &Path| {
             let is_around = around
                 .as_ref()
                 .is_some_and(|around| around.starts_with(folder));
-            own.as_deref() == Some(folder) || (is_around && is_demo(folder))
+            own.as_deref() == Some(folder) || (is_around && has_parts(folder))
         };
         let places = inputs.iter().flat_map(|path| path.ancestors().take(2));
         let folders: BTreeSet<PathBuf> = places.filter_map(real_folder).collect();

@@ -11,7 +11,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The mark of a finished result folder.
-const FINISHED: &str = "run.toml";
+pub(super) const FINISHED: &str = "run.toml";
 /// The mark of a result folder that is being made, or whose making was interrupted.
 const UNFINISHED: &str = mvs_datasets::layout::blended::UNFINISHED;
 
@@ -104,18 +104,10 @@ impl OutDir {
         }
     }
 
-    /// Whether the folder holds anything but the mark of a run that failed before its first file and
+    /// Whether the folder, or one in it, holds a file but the mark of a run that failed before its first file and
     /// files that are just being written.
     fn has_files(&self) -> Result<bool> {
-        let unreadable = || mvs_datasets::Error::io(&self.path, "read");
-        for entry in fs::read_dir(&self.path).map_err(unreadable())? {
-            let name = entry.map_err(unreadable())?.file_name();
-            let passing = name.to_string_lossy().starts_with(files::TEMPORARY);
-            if name != UNFINISHED && !passing {
-                return Ok(true);
-            }
-        }
-        Ok(false)
+        has_files(&self.path, UNFINISHED)
     }
 
     /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the
@@ -254,6 +246,24 @@ impl Drop for OutDir {
     }
 }
 
+/// Whether files lie in `folder` or below it, but for `mark` in itself and those that are just being written.
+fn has_files(folder: &Path, mark: &str) -> Result<bool> {
+    let unreadable = || mvs_datasets::Error::io(folder, "read");
+    for entry in fs::read_dir(folder).map_err(unreadable())? {
+        let entry = entry.map_err(unreadable())?;
+        let name = entry.file_name();
+        let passing = name.to_string_lossy().starts_with(files::TEMPORARY);
+        if name == mark || passing {
+            continue;
+        }
+        let is_folder = entry.file_type().map_err(unreadable())?.is_dir();
+        if !is_folder || has_files(&entry.path(), "")? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 fn make_folder(path: &Path, run: &Run) -> Result<()> {
     check_given(path)?;
     check_place(path, run)?;
@@ -378,6 +388,16 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
             path.display().to_string(),
             "expected a file, found a folder",
         ));
+    }
+    let text = path.to_string_lossy();
+    let is_folder = |end: &str| {
+        text.strip_suffix(end)
+            .is_some_and(|text| text.ends_with(std::path::is_separator))
+    };
+    if path.file_name().is_none() || is_folder("") || is_folder(".") {
+        let problem =
+            "expected the name of a file, found that of a folder: end it with the file's name";
+        return Err(Error::invalid(text, problem));
     }
     if path.exists() && !path.is_file() {
         let problem = "expected a regular file to replace, found a device or a pipe";

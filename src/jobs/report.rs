@@ -2,6 +2,7 @@
 
 mod page;
 
+use super::out::FINISHED;
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
 use crate::provenance::{self, Run};
@@ -24,7 +25,8 @@ const RECORD_FILES: [&str; 2] = ["results.csv", "scores.csv"];
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReportJob {
-    /// Files of records, or folders that are searched for `scores.csv` and `results.csv`.
+    /// Files of records, or folders that are searched for `scores.csv` and `results.csv`, but not in the results of
+    /// `report` that lie in them.
     pub records: Vec<PathBuf>,
     /// The folder to write.
     pub out: PathBuf,
@@ -53,8 +55,10 @@ pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     for sentence in boards.iter().flat_map(leaderboard::Board::not_comparable) {
         context.warnings.add("not-comparable", sentence);
     }
-    let mut inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
-    inputs.extend(job.pictures.iter().map(PathBuf::as_path));
+    let folders = page::score_folders(&files)?;
+    let shown = page::files_of(&folders);
+    let inputs = files.iter().chain(&job.pictures).chain(&shown);
+    let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
     let out = OutDir::create(
         &job.out,
         Run::new("report", job, &OutDir::inputs(&job.out, &inputs)?)?,
@@ -62,7 +66,7 @@ pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     )?;
     let tables = leaderboard::site_tables(&boards);
     context.progress.begin("page", 1);
-    let (page, still) = page::of(job, &files, &tables, context)?;
+    let (page, still) = page::of(job, (&files, &folders), &tables, context)?;
     out.write("results.csv", |file| record::write(file, &records))?;
     write_tables(&out, (&tables, &leaderboard::paper_tables(&boards)))?;
     out.write("index.html", |file| file.write_all(page.as_bytes()))?;
@@ -88,7 +92,8 @@ fn write_tables(out: &OutDir, (site, paper): (&[Table], &[Table])) -> Result<()>
 }
 
 /// The files of records at `paths`, and all their rows, of which there is at least one. A row that
-/// stands in several files, as those of a batch do, is there once. Folders are not searched in `out`.
+/// stands in several files, as those of a batch do, is there once. Folders are not searched in `out`, nor in
+/// results of `report` below them.
 /// Warns of files in results that are not finished.
 pub(super) fn read_all(
     paths: &[PathBuf],
@@ -153,7 +158,7 @@ pub fn check_table(path: &Path) -> Result<Checked> {
     Ok(files::read_with(path, |bytes| check::check(bytes))?)
 }
 
-/// The given files, and the files of records in the given folders but not in `out`, by name.
+/// The given files, and the files of records in the given folders but not in `out` and in reports, by name.
 fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     // What is not there yet cannot be found in.
@@ -165,12 +170,14 @@ fn find_records(paths: &[PathBuf], out: Option<&Path>) -> Result<Vec<PathBuf>> {
             let mut visited: BTreeSet<PathBuf> = out.iter().cloned().collect();
             search(path, &mut visited, &mut found)?;
             if found.len() == before {
-                let out = match path.canonicalize().ok() == out {
+                let why = match path.canonicalize().ok() == out {
                     true => ": this is where the report goes, which is not searched",
-                    false => "",
+                    false => {
+                        " outside of reports: give the folder of a report itself to take its records"
+                    }
                 };
                 let names = RECORD_FILES.join(" or ");
-                let problem = format!("expected {names} in it, found none{out}");
+                let problem = format!("expected {names} in it, found none{why}");
                 return Err(Error::invalid(path.display().to_string(), problem));
             }
         } else {
@@ -192,10 +199,22 @@ fn search(folder: &Path, visited: &mut BTreeSet<PathBuf>, found: &mut Vec<PathBu
     }
     for path in provenance::sorted_entries(folder)? {
         if path.is_dir() {
-            search(&path, visited, found)?;
+            if !is_report(&path) {
+                search(&path, visited, found)?;
+            }
         } else if RECORD_FILES.iter().any(|name| path.ends_with(name)) {
             found.push(path);
         }
     }
     Ok(())
+}
+
+/// Whether the folder is a result of `report`, finished or not: what it has joined lies elsewhere, and may have been
+/// scored again since.
+fn is_report(folder: &Path) -> bool {
+    let marks = [FINISHED, UNFINISHED].map(|mark| Run::read(&folder.join(mark)));
+    marks
+        .into_iter()
+        .flatten()
+        .any(|run| run.command == "report")
 }

@@ -39,12 +39,7 @@ pub fn render(folder: &Path) -> Result<String> {
 /// pictures between the lines `<!-- begin BASE -->` and `<!-- end BASE -->`, where BASE is the path
 /// from the page to the folder.
 pub fn spliced(page: &Path, folder: &Path) -> Result<String> {
-    let root = page.parent().unwrap_or(Path::new(""));
-    let base = folder.strip_prefix(root).unwrap_or(folder);
-    let base = base
-        .to_string_lossy()
-        .trim_end_matches('/')
-        .replace('\\', "/");
+    let base = path_between(page, folder);
     let text = files::read_text(page)?;
     let (begin, end) = (
         format!("<!-- begin {base} -->\n"),
@@ -64,6 +59,18 @@ pub fn spliced(page: &Path, folder: &Path) -> Result<String> {
     let (record, tables) = read(folder)?;
     let excerpt = record.excerpt(&base, &tables).map_err(in_record(folder))?;
     Ok(format!("{}\n{excerpt}\n{}", &text[..from], &text[to..]))
+}
+
+/// The path from a page to a folder below its own, however both are given.
+fn path_between(page: &Path, folder: &Path) -> String {
+    let root = files::folder_of(page);
+    let real = root.canonicalize().ok().zip(folder.canonicalize().ok());
+    let below = real.and_then(|(root, folder)| Some(folder.strip_prefix(root).ok()?.to_path_buf()));
+    // A link may lead out of the page's folder.
+    let lexical = || folder.strip_prefix(root).unwrap_or(folder).to_path_buf();
+    let base = below.unwrap_or_else(lexical);
+    let base = base.to_string_lossy();
+    base.trim_end_matches('/').replace('\\', "/")
 }
 
 /// Writes [`spliced`] into the page.

@@ -15,6 +15,7 @@ pub use document::{
 };
 
 pub(super) use input::{Draw, read_reconstruction, read_truth};
+pub(super) use plan::check_values;
 
 use super::{Context, OutDir};
 use crate::error::Result;

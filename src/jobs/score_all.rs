@@ -75,11 +75,13 @@ struct Files {
 /// folder `<Scene>` with the model, or `<Scene>.txt`.
 ///
 /// Results go to `OUT/<scene>/<method>/`, all rows to `OUT/scores.csv`; a failure is a row that says
-/// why. Of a batch that is replaced, the results of what failed or is gone are removed. An error where nothing is found to score.
+/// why. Of a batch that is replaced, the results of what failed or is gone are removed. An error where nothing is
+/// found to score, a value is none that a scene can be scored with, or a result would lie in its method's folder.
 pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     check_options(job)?;
     let root = job.all.as_deref().unwrap_or(Path::new("."));
     let tasks = find_tasks(root, job.methods.as_deref())?;
+    check_places(job, &tasks)?;
     let inputs = inputs_of(&tasks);
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     let out = OutDir::create(
@@ -132,8 +134,33 @@ fn check_options(job: &ScoreJob) -> Result<()> {
             option,
             "does not go with --all, which finds scenes and methods by their folders",
         )),
-        None => Ok(()),
+        // What no scene can be scored with is no row for each of them.
+        None => score::check_values(&ScoreJob {
+            protocol: Protocol::Tnt,
+            ..job.clone()
+        }),
     }
+}
+
+/// Refuses to write a method's result into the folder that the method is read from: its clouds would be taken for
+/// the method's by the next batch.
+fn check_places(job: &ScoreJob, tasks: &[Task]) -> Result<()> {
+    for task in tasks {
+        let scene = &task.scene;
+        let result = job.out.join(&scene.name).join(&task.method);
+        let read = job
+            .methods
+            .as_ref()
+            .unwrap_or(&scene.path)
+            .join(&task.method);
+        let real = result.canonicalize().ok();
+        if real.is_some() && real == read.canonicalize().ok() {
+            let problem = "expected another folder for the result than the method's own, which is read: give another \
+                           --out";
+            return Err(Error::invalid(result.display().to_string(), problem));
+        }
+    }
+    Ok(())
 }
 
 /// Every file that is there to be read, once.

@@ -65,8 +65,8 @@ const RANKS: [&str; 2] = ["rank", "mean rank"];
 /// Rows of one method: metric → its values by column.
 type Metrics = BTreeMap<String, Vec<Cell>>;
 
-/// A table in a file: what stands before its methods, and its methods in order.
-type Board = (String, Vec<(String, Metrics)>);
+/// A table in a file: the cells before its methods, and its methods in order.
+type Board = (Vec<String>, Vec<(String, Metrics)>);
 
 /// A cell of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -123,14 +123,15 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
         let at = |problem| FormatError::new(format!("line {line}"), problem);
         let before = (0..method).filter(|&column| column != metric);
         let named = before.filter_map(|column| row.get(column));
-        let board: Vec<&str> = named.filter(|cell| !cell.is_empty()).collect();
+        // Empty ones tell tables apart too.
+        let board: Vec<String> = named.map(str::to_owned).collect();
         let cells = values
             .iter()
             .map(|&column| parsed(row.get(column).unwrap_or_default()));
         let cells = cells.collect::<Result<Vec<_>, String>>().map_err(at)?;
         let metric = metric_of(&row[metric]).map_err(at)?;
-        let of_board = entry(&mut boards, &board.join(" "));
-        let of_method = entry(of_board, &row[method]);
+        let of_board = entry(&mut boards, board);
+        let of_method = entry(of_board, row[method].to_owned());
         if of_method.insert(metric.clone(), cells).is_some() {
             let problem =
                 format!("expected one row per method and metric, found a second {metric}");
@@ -155,10 +156,10 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
 }
 
 /// What belongs to `key`, new at the end where it is not there yet.
-fn entry<'a, T: Default>(list: &'a mut Vec<(String, T)>, key: &str) -> &'a mut T {
-    let place = list.iter().position(|(known, _)| known == key);
+fn entry<K: PartialEq, T: Default>(list: &mut Vec<(K, T)>, key: K) -> &mut T {
+    let place = list.iter().position(|(known, _)| *known == key);
     let place = place.unwrap_or_else(|| {
-        list.push((key.to_owned(), T::default()));
+        list.push((key, T::default()));
         list.len() - 1
     });
     &mut list[place].1
@@ -238,10 +239,15 @@ fn parsed(cell: &str) -> Result<Cell, String> {
 fn checked(columns: &[&str], boards: &[Board]) -> Checked {
     let mut result = Checked::default();
     for (board, methods) in boards {
+        let named: Vec<&str> = board
+            .iter()
+            .map(String::as_str)
+            .filter(|cell| !cell.is_empty())
+            .collect();
         for (method, metrics) in methods {
             let method = match boards.len() {
                 1 => method.clone(),
-                _ => format!("{method} ({board})"),
+                _ => format!("{method} ({})", named.join(" ")),
             };
             check_method(&mut result, &method, columns, metrics);
         }

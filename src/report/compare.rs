@@ -69,8 +69,8 @@ pub struct Difference {
 pub struct Comparison {
     /// Cells of both.
     pub differences: Vec<Difference>,
-    /// Cells that have an F-score in the first set alone, or one that passed its gates there alone: the
-    /// second misses them, or its status follows in brackets.
+    /// Cells that have an F-score that passed its gates in the first set alone: the second misses them, or its
+    /// status follows in brackets.
     pub lost: Vec<String>,
     /// Cells that have an F-score in the second set alone, or one that passed its gates there alone.
     pub gained: Vec<String>,
@@ -87,7 +87,7 @@ impl Comparison {
 }
 
 /// Compares the F-scores of `after` with those of `before`. A score whose status is not `ok` is no score
-/// beside one whose status is, as in leaderboards; two such are compared. Methods are paired by name,
+/// beside one whose status is, as in leaderboards, nor beside none; two such are compared. Methods are paired by name,
 /// unless both sets hold a single one.
 ///
 /// Fails when the scores are of different protocols, profiles or units, or a cell's of different truths,
@@ -113,7 +113,9 @@ pub fn compare(
         let new = second.get(cell).copied();
         let scored = new.and_then(|new| Some((new.fscore?, new)));
         let Some((after, new)) = scored.filter(|(_, new)| is_sound(new) || !is_sound(old)) else {
-            comparison.lost.push(with_status(cell, new));
+            if is_sound(old) {
+                comparison.lost.push(with_status(cell, new));
+            }
             continue;
         };
         if is_sound(new) && !is_sound(old) {
@@ -140,16 +142,24 @@ pub fn compare(
     comparison.gained.extend(new_cells);
     comparison.gained.sort();
     // What was scored on one side and failed on the other is in both.
-    let in_both = |(cell, old): (&String, &&Record)| {
-        let new = second.get(cell);
-        new.is_some_and(|new| old.fscore.or(new.fscore).is_some())
-    };
-    if !first.iter().any(in_both) {
-        let problem = "expected cells with an F-score in both, found none: the sets have no method, \
-                       scene and threshold in common";
-        return Err(Error::invalid("compare", problem));
+    let mut in_both = first
+        .iter()
+        .filter_map(|(cell, old)| Some((*old, *second.get(cell)?)));
+    let is_scored = |(old, new): (&Record, &Record)| old.fscore.or(new.fscore).is_some();
+    match in_both.clone().any(is_scored) {
+        true => Ok(comparison),
+        false => Err(nothing_to_compare(in_both.next().is_some())),
     }
-    Ok(comparison)
+}
+
+/// Why no cell has an F-score on both sides.
+fn nothing_to_compare(in_common: bool) -> Error {
+    let why = match in_common {
+        true => "what they have in common has none",
+        false => "the sets have no method, scene and threshold in common",
+    };
+    let problem = format!("expected cells with an F-score in both, found none: {why}");
+    Error::invalid("compare", problem)
 }
 
 /// The cell; with the status of its record in brackets, where that is not `ok`.
@@ -366,6 +376,12 @@ mod tests {
         let gained = compared(&[failed(0.6)], &sound);
         assert_eq!(gained.gained, ["Barn · τ 0.01 (gate: few-inliers)"]);
         assert!(!gained.is_regression() && gained.differences.is_empty());
+        // A failed one is not lost.
+        let missing = compared(
+            &[failed(0.6), record("Truck", 0.5, 0.0)],
+            &[record("Truck", 0.5, 0.0)],
+        );
+        assert!(!missing.is_regression() && missing.differences.len() == 1);
         // Neither is any better than its status: what they say is all there is to compare.
         let both = compared(&[failed(0.6)], &[failed(0.5)]);
         assert_eq!(both.differences[0].outcome, Outcome::Worse);
@@ -423,7 +439,19 @@ mod tests {
     fn nothing_in_common_is_an_error() {
         let (barn, truck) = (record("Barn", 0.5, 0.0), record("Truck", 0.6, 0.0));
         let options = CompareOptions::default();
-        assert!(compare(std::slice::from_ref(&barn), &[truck], &options).is_err());
+        let said = |before: &Record, after: &Record| {
+            let one = std::slice::from_ref;
+            compare(one(before), one(after), &options)
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(said(&barn, &truck).ends_with("no method, scene and threshold in common"));
+        let distances = Record {
+            fscore: None,
+            acc_mean: Some(0.5),
+            ..record("Barn", 0.5, 0.0)
+        };
+        assert!(said(&distances, &distances).ends_with("what they have in common has none"));
         assert!(compare(&[barn.clone(), barn.clone()], &[barn], &options).is_err());
     }
 }

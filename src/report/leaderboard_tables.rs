@@ -79,7 +79,7 @@ fn site_table(named: Named<'_>, metric: Metric) -> Table {
     let mut header: Vec<String> = ["method", "rank", "mean rank", "mean"]
         .map(String::from)
         .to_vec();
-    header.extend(board.scenes.iter().map(|scene| column_of(scene)));
+    header.extend(named.columns());
     let mut identity = named.identity();
     identity.push(("metric".into(), metric.name().into()));
     Table {
@@ -135,7 +135,7 @@ fn paper_table(named: Named<'_>) -> Table {
         emphasise(&mut cells, &values, Better::Higher, Marks::Best);
     }
     let mut header = vec!["method".to_owned(), "metric".to_owned()];
-    header.extend(board.scenes.iter().map(|scene| column_of(scene)));
+    header.extend(named.columns());
     header.push("Average".into());
     Table {
         title: named.title("Precision, recall and F-score"),
@@ -148,13 +148,19 @@ fn paper_table(named: Named<'_>) -> Table {
     }
 }
 
-/// The name of a scene's column: the scene's, unless another column of our tables has it.
-fn column_of(scene: &str) -> String {
+/// The name of a scene's column: the scene's, unless another column of our tables, which has those of all `boards`,
+/// has it.
+fn column_of(scene: &str, boards: &[Board]) -> String {
     let mut taken = OTHER_COLUMNS.iter();
+    let mut name = scene.to_owned();
     if is_average(scene) || taken.any(|name| scene.eq_ignore_ascii_case(name)) {
-        return format!("scene {scene}");
+        let scenes = || boards.iter().flat_map(|board| &board.scenes);
+        name = format!("scene {name}");
+        while scenes().any(|other| *other == name) {
+            name = format!("scene {name}");
+        }
     }
-    scene.to_owned()
+    name
 }
 
 fn better(metric: Metric) -> Better {
@@ -237,15 +243,16 @@ impl Board {
     }
 }
 
-/// A board, and whether its unit tells it apart from another one.
+/// A board among others, and whether its unit tells it apart from another one.
 #[derive(Clone, Copy)]
 struct Named<'a> {
     board: &'a Board,
+    boards: &'a [Board],
     by_unit: bool,
 }
 
 impl<'a> Named<'a> {
-    fn among(board: &'a Board, boards: &[Board]) -> Self {
+    fn among(board: &'a Board, boards: &'a [Board]) -> Self {
         let differs_in_unit_alone = |other: &Board| {
             let unit = board.common.unit.clone();
             let same = Common {
@@ -256,8 +263,15 @@ impl<'a> Named<'a> {
         };
         Self {
             board,
+            boards,
             by_unit: boards.iter().any(differs_in_unit_alone),
         }
+    }
+
+    /// The names of its scenes' columns.
+    fn columns(&self) -> impl Iterator<Item = String> {
+        let scenes = self.board.scenes.iter();
+        scenes.map(|scene| column_of(scene, self.boards))
     }
 
     fn identity(&self) -> Vec<(String, String)> {

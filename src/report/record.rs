@@ -205,7 +205,26 @@ impl Record {
             let value = value.filter(|&value| out_of_range(value))?;
             Some(format!("{name}: expected 0 to 1, found {value}"))
         });
-        outside.or_else(|| self.wrong_interval())
+        outside
+            .or_else(|| self.wrong_distance())
+            .or_else(|| self.wrong_interval())
+    }
+
+    /// The first distance that cannot be, if any.
+    fn wrong_distance(&self) -> Option<String> {
+        let distances = [
+            ("acc_mean", self.acc_mean),
+            ("acc_median", self.acc_median),
+            ("comp_mean", self.comp_mean),
+            ("comp_median", self.comp_median),
+            ("overall", self.overall),
+        ];
+        distances.into_iter().find_map(|(name, value)| {
+            let value = value.filter(|value| !(value.is_finite() && *value >= 0.0))?;
+            Some(format!(
+                "{name}: expected a distance from 0 up, found {value}"
+            ))
+        })
     }
 
     /// What is wrong with the F-score's interval, if anything. F itself may lie outside, as resampling is
@@ -239,7 +258,7 @@ pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
 }
 
 /// Reads `results.csv`. The columns must be those of this version, in order; every fraction lies
-/// between 0 and 1, every threshold above 0, and F follows from precision and recall as far as their
+/// between 0 and 1, every distance from 0 up, every threshold above 0, and F follows from precision and recall as far as their
 /// digits go.
 pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     let bytes = &whole(source)?;
@@ -430,6 +449,20 @@ mod tests {
                 found.starts_with("line 2: threshold: expected a distance above 0, found "),
                 "{found}"
             );
+        }
+        for distance in ["-1", "nan", "inf"] {
+            let row = Record {
+                acc_mean: Some(0.0),
+                overall: Some(0.25),
+                ..record("a", "b", 0.5)
+            };
+            let text = written(&[row]);
+            assert!(read(text.as_bytes()).is_ok());
+            for (column, cell) in [("acc_mean", ",0.0,"), ("overall", ",0.25,")] {
+                let found = fails(&text.replace(cell, &format!(",{distance},")));
+                let said = format!("line 2: {column}: expected a distance from 0 up, found ");
+                assert!(found.starts_with(&said), "{found}");
+            }
         }
         let renamed = good.replace("recall", "completeness");
         assert_eq!(

@@ -29,7 +29,7 @@ fn write_table(out: &mut impl Write, table: &Table) -> std::io::Result<()> {
         writeln!(out, "| {} |", cells.join(" | "))?;
     }
     for note in &table.notes {
-        writeln!(out, "\n{}", escaped(note))?;
+        writeln!(out, "\n{}", paragraph(note))?;
     }
     Ok(())
 }
@@ -43,12 +43,28 @@ fn marked(cell: &Cell) -> String {
     }
 }
 
-/// Text that Markdown leaves alone.
+/// A paragraph of text, whose beginning does not make it a heading, a list, a quotation or code.
+fn paragraph(text: &str) -> String {
+    let text = escaped(text);
+    let text = text.trim_start();
+    let digits = text.bytes().take_while(u8::is_ascii_digit).count();
+    let (number, rest) = text.split_at(digits);
+    let is_mark = match digits {
+        0 => rest.starts_with(['#', '-', '+', '>']),
+        _ => rest.starts_with(['.', ')']),
+    };
+    match is_mark {
+        true => format!("{number}\\{rest}"),
+        false => text.to_owned(),
+    }
+}
+
+/// Text that Markdown leaves alone within a line.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for character in text.chars() {
         match character {
-            '\\' | '|' | '*' | '_' | '`' | '<' | '[' => safe.extend(['\\', character]),
+            '\\' | '|' | '*' | '_' | '`' | '<' | '[' | '&' | '~' => safe.extend(['\\', character]),
             '\n' | '\r' => safe.push(' '),
             other => safe.push(other),
         }

@@ -20,7 +20,7 @@ fn write_table(out: &mut impl Write, table: &Table) -> std::io::Result<()> {
     let columns = "l".repeat(table.labels) + &"r".repeat(numbers);
     writeln!(out, "\\begin{{tabular}}{{{columns}}}\n\\toprule")?;
     let header: Vec<String> = table.header.iter().map(|name| escaped(name)).collect();
-    writeln!(out, "{} \\\\", header.join(" & "))?;
+    writeln!(out, "{}", line(&header))?;
     for (index, row) in table.rows.iter().enumerate() {
         if index == 0 || (table.rows_per_method > 1 && index % table.rows_per_method == 0) {
             writeln!(out, "\\midrule")?;
@@ -29,9 +29,20 @@ fn write_table(out: &mut impl Write, table: &Table) -> std::io::Result<()> {
         if let Some(first) = cells.first_mut() {
             *first = escaped(table.label_of(index));
         }
-        writeln!(out, "{} \\\\", cells.join(" & "))?;
+        writeln!(out, "{}", line(&cells))?;
     }
     writeln!(out, "\\bottomrule\n\\end{{tabular}}")
+}
+
+/// A row of cells. What it begins with is no argument of the line above it.
+fn line(cells: &[String]) -> String {
+    let row = cells.join(" & ");
+    let apart = if row.starts_with(['[', '*']) {
+        "{}"
+    } else {
+        ""
+    };
+    format!("{apart}{row} \\\\")
 }
 
 fn marked(cell: &Cell) -> String {
@@ -55,6 +66,9 @@ fn escaped(text: &str) -> String {
             SUSPECT => safe.push_str("\\dag{}"),
             '~' => safe.push_str("\\textasciitilde{}"),
             '^' => safe.push_str("\\textasciicircum{}"),
+            '<' => safe.push_str("\\textless{}"),
+            '>' => safe.push_str("\\textgreater{}"),
+            '|' => safe.push_str("\\textbar{}"),
             '\\' => safe.push_str("\\textbackslash{}"),
             '\n' | '\r' => safe.push(' '),
             other => safe.push(other),

@@ -233,3 +233,23 @@ fn a_masked_image_is_changed_as_its_whole_one() {
         stderr(&refused)
     );
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_image_whose_name_is_no_utf_8_is_named_before_any_is_changed() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().unwrap();
+    let (images, out) = (folder.path().join("images"), folder.path().join("out"));
+    for name in [&b"00000000.png"[..], b"a\xff.png"] {
+        files::write_atomically(&images.join(OsStr::from_bytes(name)), |out| {
+            image::write_png(out, &picture())
+        })
+        .unwrap();
+    }
+    let refused = augmented(&images, "1", &out);
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    let said = "a\u{fffd}.png: expected a file name in UTF-8";
+    assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
+    assert!(!out.exists());
+}

@@ -1,6 +1,7 @@
 //! Every stage at the extremes: the promised bounds hold, and the table can tell good arithmetic from
 //! bad.
 
+use crate::support::{mvs_eval, stderr, text};
 use mvs_eval::jobs::Context;
 use mvs_eval::jobs::extremes::{ExtremesJob, ExtremesRow, measure};
 use mvs_eval::progress::Silent;
@@ -35,4 +36,17 @@ fn every_bound_holds_and_plain_f32_is_seen_to_fail() {
     assert!(far_away("render", "f32") > 1e-2 && far_away("render", "f32 recentred") < 1e-5);
     assert!(far_away("fuse", "f32") > 1e-2 && far_away("fuse", "f32 recentred") < 1e-5);
     assert!(far_away("score", "f32") > 1e-2 && far_away("score", "f32 recentred") < 1e-3);
+}
+
+#[test]
+fn clouds_without_a_point_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for points in ["0", "1"] {
+        let refused = mvs_eval(&["extremes", "--points", points, "--out", text(&out)]);
+        assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+        let said = "--points: expected at least 2";
+        assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
+    }
+    assert!(!out.exists());
 }

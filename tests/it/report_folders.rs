@@ -128,6 +128,21 @@ fn a_splice_replaces_its_own_block_only() {
                     <!-- end r/2026-11-25-test -->\nafter\n";
     assert_eq!(fs::read_to_string(&page).unwrap(), expected);
     assert_eq!(spliced(&page, &folder).unwrap(), expected, "twice is once");
+    // However they are given.
+    for (from, page, folder) in [
+        ("", "README.md", "./r/2026-11-25-test"),
+        ("", "README.md", text(&folder)),
+        ("r", "../README.md", "2026-11-25-test/"),
+        ("r/2026-11-25-test", "../../README.md", "."),
+    ] {
+        let said = assert_cmd::Command::new(env!("CARGO_BIN_EXE_mvs-eval"))
+            .current_dir(root.path().join(from))
+            .args(["report", "--folder", folder, "--into", page])
+            .output()
+            .unwrap();
+        assert!(said.status.success(), "{from} {folder}: {}", stderr(&said));
+    }
+    assert_eq!(fs::read_to_string(&page).unwrap(), expected);
 
     write(&page, "no block\n");
     let refused = mvs_eval(&["report", "--folder", text(&folder), "--into", text(&page)]);

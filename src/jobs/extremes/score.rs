@@ -18,7 +18,7 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
         let moved = clouds.at(place);
         let bound = match step {
             ("scale", factor) if is_power_of_two(factor) => 0.0,
-            _ => SCORE_BOUND,
+            _ => bound_of(job.points),
         };
         let change = usual.largest_change(&moved.fractions()?);
         rows.put(step, "ours", (QUANTITY, change), Some(bound));
@@ -62,6 +62,15 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
         );
     }
     Ok(())
+}
+
+/// Change of precision and recall allowed: of fewer than a million points, two of the reconstruction, which has half
+/// as many.
+fn bound_of(points: u32) -> f64 {
+    match points {
+        1_000_000.. => SCORE_BOUND,
+        _ => 2.0 / f64::from(points / 2),
+    }
 }
 
 fn is_power_of_two(factor: f64) -> bool {
@@ -144,4 +153,28 @@ fn unit(seed: u64, key: u64) -> f64 {
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     ((bits ^ (bits >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of so many, one point that changes sides is more than the change allowed for a million.
+    #[test]
+    fn the_bound_allows_for_a_point_of_a_small_cloud() {
+        for points in [2, 1001, 200_000] {
+            let job = ExtremesJob {
+                points,
+                ..ExtremesJob::default()
+            };
+            let mut rows = Rows {
+                stage: "score",
+                all: Vec::new(),
+            };
+            measure(&job, &mut rows).unwrap();
+            let broken = rows.all.iter().find(|row| !row.holds());
+            assert_eq!(broken, None, "{points} points");
+        }
+        assert_eq!(bound_of(ExtremesJob::default().points), 1e-6);
+    }
 }

@@ -101,6 +101,30 @@ fn a_run_that_failed_before_its_first_file_is_in_nobodys_way() {
     drop(OutDir::create(folder.path(), run_of(4), false).unwrap());
     let out = OutDir::create(folder.path(), run_of(16), false).unwrap();
     assert!(out.is_marked(UNFINISHED));
+    // Nor are folders that were made for files which could not be written.
+    drop(out);
+    fs::create_dir_all(folder.path().join("depth/of")).unwrap();
+    drop(OutDir::create(folder.path(), run_of(4), false).unwrap());
+    files::write_atomically(&folder.path().join("depth/of/0.pfm"), |out| {
+        out.write_all(b"mine")
+    })
+    .unwrap();
+    assert!(OutDir::create(folder.path(), run_of(16), false).is_err());
+}
+
+#[test]
+fn a_result_file_has_a_name() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["new/", "new/.", "new/..", ".."] {
+        let path = folder.path().join(name);
+        let error = check_out_file(&path, true).unwrap_err().to_string();
+        assert!(
+            error.contains("expected the name of a file") || path.is_dir(),
+            "{name}: {error}"
+        );
+        assert!(!folder.path().join("new").exists());
+    }
+    check_out_file(&folder.path().join("new/c."), false).unwrap();
 }
 
 /// By whatever name; what lies beside it is nobody's concern.

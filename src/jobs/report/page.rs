@@ -22,6 +22,8 @@ use std::path::{Path, PathBuf};
 const CLOUDS: usize = 12;
 /// Bytes of the sentences on top, at most.
 const LEAD: usize = 2000;
+/// What marks a score folder.
+const DOCUMENT: &str = "score.json";
 /// Pixels of a cloud's still picture.
 const STILL: (u32, u32) = (960, 560);
 
@@ -42,11 +44,9 @@ struct Side {
 impl<'a> Scored<'a> {
     /// Reads the folder's PLYs: they hold the judged points, whose distances are taken again.
     fn read(folder: &Path, document: &'a ScoreDocument) -> Result<Self> {
-        let points = |side: &str| {
-            let path = folder.join(format!("{}.{side}.ply", document.scene));
-            // A side may be empty.
-            files::read_with(&path, ply::read_positions)
-        };
+        // A side may be empty.
+        let points =
+            |side| files::read_with(&cloud_file(folder, document, side), ply::read_positions);
         let order = document.voxel.map_or(Order::Any, |_| Order::Spatial);
         let [reconstruction, truth] =
             distance::both_ways_in(order, [points("precision")?, points("recall")?])?;
@@ -111,13 +111,30 @@ impl<'a> Scored<'a> {
     }
 }
 
+/// Where a score folder has the judged points of a side.
+fn cloud_file(folder: &Path, document: &ScoreDocument, side: &str) -> PathBuf {
+    folder.join(format!("{}.{side}.ply", document.scene))
+}
+
+/// The files of score folders that the page is made from.
+pub(super) fn files_of(folders: &[(&Path, ScoreDocument)]) -> Vec<PathBuf> {
+    let of_folder = |(folder, document): &(&Path, ScoreDocument)| {
+        let clouds = ["precision", "recall"].map(|side| cloud_file(folder, document, side));
+        let there = clouds.into_iter().filter(|cloud| cloud.is_file());
+        std::iter::once(folder.join(DOCUMENT))
+            .chain(there)
+            .collect::<Vec<_>>()
+    };
+    folders.iter().flat_map(of_folder).collect()
+}
+
 fn read_document(folder: &Path) -> Result<ScoreDocument> {
     /// What stands in every version of the file.
     #[derive(Deserialize)]
     struct Head {
         schema: String,
     }
-    let path = folder.join("score.json");
+    let path = folder.join(DOCUMENT);
     let text = files::read_text(&path)?;
     let broken = |problem: String| Error::invalid(path.display().to_string(), problem);
     let head: Head = serde_json::from_str(&text).map_err(|error| broken(error.to_string()))?;
@@ -177,16 +194,15 @@ impl Shown {
     }
 }
 
-/// The page of `tables` and of the score folders that the record files lie in, and its first
+/// The page of `tables` and of the score folders that the files of `records` lie in, and its first
 /// cloud's still picture as PNG, where there is a cloud. Plots beyond the page's size are left out,
 /// with a warning.
 pub(super) fn of(
     job: &ReportJob,
-    records: &[PathBuf],
+    (records, folders): (&[PathBuf], &[(&Path, ScoreDocument)]),
     tables: &[Table],
     context: &Context<'_>,
 ) -> Result<(String, Option<Vec<u8>>)> {
-    let folders = score_folders(records)?;
     let with_clouds = &folders[..folders.len().min(CLOUDS)];
     let sides = with_clouds.iter().map(|(_, document)| {
         let counts = &document.counts;
@@ -201,7 +217,7 @@ pub(super) fn of(
     }
     let pictures = job.pictures.iter().map(|path| picture(path));
     let pictures = pictures.collect::<Result<Vec<_>>>()?;
-    let provenance = provenance_of(&folders, records)?;
+    let provenance = provenance_of(folders, records)?;
     let page = Page {
         title: job.title.as_deref().unwrap_or("Scores"),
         tables,
@@ -212,7 +228,7 @@ pub(super) fn of(
         ..Page::default()
     };
     let room = html::room(&page)?.saturating_sub(LEAD);
-    let (plots, whole) = fitting(std::mem::take(&mut shown.plots), &folders, room, context)?;
+    let (plots, whole) = fitting(std::mem::take(&mut shown.plots), folders, room, context)?;
     if whole < folders.len() {
         let message = format!(
             "the page shows the curves of {whole} of {} score folders: it would exceed 10 MB",
@@ -229,10 +245,10 @@ pub(super) fn of(
 }
 
 /// The folders that hold a score beside the records, in order, each once.
-fn score_folders(records: &[PathBuf]) -> Result<Vec<(&Path, ScoreDocument)>> {
+pub(super) fn score_folders(records: &[PathBuf]) -> Result<Vec<(&Path, ScoreDocument)>> {
     let mut folders: Vec<&Path> = Vec::new();
     for folder in records.iter().filter_map(|file| file.parent()) {
-        if !folders.contains(&folder) && folder.join("score.json").is_file() {
+        if !folders.contains(&folder) && folder.join(DOCUMENT).is_file() {
             folders.push(folder);
         }
     }

@@ -116,6 +116,21 @@ fn check_options(job: &ScoreJob) -> Result<()> {
     if let Some(name) = &job.name {
         check_name(name)?;
     }
+    check_values(job)?;
+    if job.methods.is_some() {
+        return Err(Error::invalid(
+            "--methods",
+            "belongs to --all, which is not given",
+        ));
+    }
+    if job.protocol == Protocol::Tnt {
+        return check_paths(job);
+    }
+    check_plain(job)
+}
+
+/// Says which values no scene can be scored with.
+pub(in crate::jobs) fn check_values(job: &ScoreJob) -> Result<()> {
     if job.bootstrap > 0 && job.bootstrap < MIN_RESAMPLES {
         let problem = format!(
             "expected at least {MIN_RESAMPLES} resamples, of which the interval's ends are quantiles, \
@@ -132,15 +147,26 @@ fn check_options(job: &ScoreJob) -> Result<()> {
         );
         return Err(Error::invalid("--tau", problem));
     }
-    if job.methods.is_some() {
-        return Err(Error::invalid(
-            "--methods",
-            "belongs to --all, which is not given",
-        ));
+    for &tau in &job.tau {
+        Tolerance::new(tau)?;
     }
-    if job.protocol == Protocol::Tnt {
-        return check_paths(job);
+    if job.protocol == Protocol::Tnt && job.tau.len() > 1 {
+        let problem = format!(
+            "expected one τ, found {}: the protocol's voxels and ICP stages depend on it",
+            job.tau.len()
+        );
+        return Err(Error::invalid("--tau", problem));
     }
+    let distance = job.camera_distance;
+    if !(distance.is_finite() && distance > 0.0) {
+        let problem = format!("expected a distance above 0, found {distance}");
+        return Err(Error::invalid("--camera-distance", problem));
+    }
+    Ok(())
+}
+
+/// Says which options the plain protocol has none of.
+fn check_plain(job: &ScoreJob) -> Result<()> {
     let frame = "the plain protocol takes clouds that share a frame";
     let aligned = "the plain protocol aligns nothing";
     let [seeds, camera_distance] = alignment_options(job);
@@ -250,16 +276,14 @@ fn inputs<'a>(
 
 /// The τ asked for, or that of a known scene.
 fn tnt_tolerance(job: &ScoreJob, scene: &str) -> Result<Tolerance> {
-    let problem = match (job.tau.as_slice(), known_tolerance(scene)) {
-        ([tau], _) => return Ok(Tolerance::new(*tau)?),
-        ([], Some(tau)) => return Ok(Tolerance::new(tau)?),
-        ([], None) => format!("`{scene}` is not one of the seven known scenes: give its τ"),
-        (several, _) => format!(
-            "expected one τ, found {}: the protocol's voxels and ICP stages depend on it",
-            several.len()
-        ),
-    };
-    Err(Error::invalid("--tau", problem))
+    let tau = job.tau.first().copied();
+    match tau.or_else(|| known_tolerance(scene)) {
+        Some(tau) => Ok(Tolerance::new(tau)?),
+        None => {
+            let problem = format!("`{scene}` is not one of the seven known scenes: give its τ");
+            Err(Error::invalid("--tau", problem))
+        }
+    }
 }
 
 /// A file's name without its last extension.

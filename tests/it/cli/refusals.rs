@@ -224,6 +224,25 @@ fn options_that_would_do_nothing_are_refused() {
         &["--protocol", "tnt"],
     );
     assert_refused(&["demo", "--tau", "0"], &["--tau"]);
+    let config = ["--config", "options.toml"];
+    for (command, said) in [
+        (
+            &["replay", "run.toml"][..],
+            "replay takes the options of the run.toml",
+        ),
+        (&["report", "--check", "t.csv"], "--check and --folder"),
+        (&["report", "--folder", "d"], "--check and --folder"),
+    ] {
+        assert_refused(
+            &[command, &config].concat(),
+            &["--config: expected none", said],
+        );
+    }
+    for (flag, value) in [("--title", "x"), ("--picture", "p.png")] {
+        for instead in ["--check", "--folder"] {
+            assert_refused(&["report", instead, "x", flag, value], &[instead, flag]);
+        }
+    }
     assert_refused(
         &[
             "score",

@@ -263,3 +263,38 @@ fn a_page_that_cannot_draw_says_so() {
         attribute(&document, "data-state")
     );
 }
+
+/// The page in frames as wide as a phone and a window: nothing in it but tables, which scroll, is wider.
+#[test]
+fn long_names_do_not_make_the_page_scroll_sideways() {
+    let long = "a_method_of_a_long_name_".repeat(12);
+    let mut records = duel();
+    records.push(record(&long, "Barn", 0.5));
+    let tables = site_tables(&boards(&records).unwrap());
+    let path = format!("{long}/scores.csv");
+    let page = html::html(&Page {
+        title: &long,
+        lead: &long,
+        tables: &tables,
+        provenance: &[("program".into(), "mvs-eval".into()), (path, long.clone())],
+        ..Page::default()
+    })
+    .unwrap();
+    let page = page.replace('&', "&amp;").replace('"', "&quot;");
+    let frame =
+        |width: u32| format!("<iframe srcdoc=\"{page}\" style=\"width:{width}px\"></iframe>");
+    let frames = [390, 1000].map(frame).concat();
+    let measure = "<script>onload = function () { document.documentElement.dataset.widths = \
+                   [].map.call(frames, function (frame) { var root = frame.document.documentElement; \
+                   return root.scrollWidth + '/' + root.clientWidth; }).join(' '); };</script>";
+    let Some((document, log)) = opened("report-long.html", &format!("{frames}{measure}")) else {
+        return;
+    };
+    let widths = attribute(&document, "data-widths");
+    let fits = |pair: &str| {
+        pair.split_once('/')
+            .is_some_and(|(all, shown)| all == shown)
+    };
+    let count = widths.split(' ').filter(|pair| fits(pair)).count();
+    assert_eq!(count, 2, "{widths}: {log}");
+}

@@ -155,6 +155,36 @@ tnt,official,training,,F-score,a,1,1.00,18.75,0.00,6.25,12.50,18.75,25.00,31.25,
     }
 }
 
+/// No column is another's, and no board either.
+#[test]
+fn names_that_collide_with_those_of_columns_and_boards_are_told_apart() {
+    let scenes = ["mean", "scene mean", "scene scene mean"];
+    let of = |scene: &'static str, f: f64| record("a", scene, f);
+    let mut records: Vec<Record> = scenes
+        .into_iter()
+        .zip([0.25, 0.5, 0.75])
+        .map(|(s, f)| of(s, f))
+        .collect();
+    for (profile, split) in [("", "strict"), ("strict", "")] {
+        let board = scenes.map(|scene| Record {
+            profile: profile.into(),
+            split: split.into(),
+            ..of(scene, 0.5)
+        });
+        records.extend(board);
+    }
+    let boards = boards(&records).unwrap();
+    let site = text(|out| table_csv::write(out, &site_tables(&boards)));
+    let columns = "mean,scene scene scene mean,scene mean,scene scene mean";
+    assert!(site.lines().next().unwrap().ends_with(columns), "{site}");
+    let paper = text(|out| table_csv::write(out, &paper_tables(&boards)));
+    for csv in [&site, &paper] {
+        let checked = mvs_eval::report::check::check(csv.as_bytes()).unwrap();
+        assert_eq!((checked.averages, checked.slips.len()), (3, 0), "{csv}");
+    }
+    assert!(site.contains("50.00,25.00,50.00,75.00"), "{site}");
+}
+
 #[test]
 fn two_methods_with_one_label_are_refused() {
     let grouped = Record {
@@ -249,4 +279,131 @@ fn records_for_one_cell_name_their_files_and_a_bad_picture_leaves_nothing() {
     assert!(!out.join("leaderboard.csv").exists() && !out.join("results.csv").exists());
     let output = mvs_eval(&["report", arg(&one), "--into", "README.md"]);
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+}
+
+/// Scores a small cloud beside a plane of the same points, moved by `off`, into `K/score`.
+fn put_score(folder: &Path, off: f64) {
+    let cloud = |off: f64| {
+        let points = (0..100).map(|nth| format!("{} {} {off}\n", nth % 10, nth / 10));
+        let header = "ply\nformat ascii 1.0\nelement vertex 100\nproperty float x\nproperty float y\n\
+                      property float z\nend_header\n";
+        header.to_owned() + &points.collect::<String>()
+    };
+    let at = |name: &str| folder.join(name);
+    crate::support::write(&at("truth.ply"), cloud(0.0));
+    crate::support::write(&at("rec.ply"), cloud(off));
+    let scored = mvs_eval(&[
+        "score",
+        "--truth",
+        arg(&at("truth.ply")),
+        "--reconstruction",
+        arg(&at("rec.ply")),
+        "--tau",
+        "0.5",
+        "--out",
+        arg(&at("K/score")),
+        "--force",
+    ]);
+    assert_eq!(scored.status.code(), Some(0), "{}", stderr(&scored));
+}
+
+/// A report within the folder that it was made from is not among what the next one is made from, and what its page
+/// shows are its inputs.
+#[test]
+fn a_report_in_the_folder_that_it_is_of_is_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let done = |arguments: &[&str]| {
+        let output = mvs_eval(arguments);
+        assert_eq!(
+            output.status.code(),
+            Some(0),
+            "{arguments:?}: {}",
+            stderr(&output)
+        );
+        stderr(&output)
+    };
+    let read = |name: &str| std::fs::read_to_string(at(name)).unwrap();
+    put_score(folder.path(), 0.25);
+    done(&["report", arg(&at("K")), "--out", arg(&at("K/report"))]);
+    let replay = |out: &str| {
+        done(&[
+            "replay",
+            arg(&at("K/report/run.toml")),
+            "--out",
+            arg(&at(out)),
+        ])
+    };
+    let said = replay("again");
+    assert!(!said.contains("[input-changed]"), "{said}");
+    for name in ["index.html", "results.csv"] {
+        assert!(
+            read(&format!("K/report/{name}")) == read(&format!("again/{name}")),
+            "{name}"
+        );
+    }
+    // What a report has joined may be reported, where it is named.
+    done(&[
+        "report",
+        arg(&at("K/report")),
+        "--out",
+        arg(&at("of the report")),
+    ]);
+    put_score(folder.path(), 0.375);
+    let said = replay("of the new score");
+    for name in ["scores.csv", "score.json", "truth.precision.ply"] {
+        let said: Vec<&str> = said
+            .lines()
+            .filter(|line| line.contains("[input-changed]"))
+            .collect();
+        assert!(
+            said.iter().any(|line| line.contains(name)),
+            "{name}: {said:?}"
+        );
+    }
+    done(&["report", arg(&at("K")), "--out", arg(&at("new"))]);
+    assert!(read("new/results.csv") != read("again/results.csv"));
+}
+
+/// What methods and notes begin with and consist of is text, in Markdown and in LaTeX.
+#[test]
+fn names_are_no_markup() {
+    let mut rows = Vec::new();
+    for name in [
+        "R&D &copy; v2",
+        "~~old~~",
+        "[ours] a<b|c>d",
+        "*star",
+        "# d",
+        "- dash",
+        "+ plus",
+        "> q",
+        "1. ours",
+    ] {
+        // Without a record for Truck there is a note that begins with the name.
+        rows.push(record(name, "Barn", 0.5));
+    }
+    rows.push(record("whole", "Barn", 0.5));
+    rows.push(record("whole", "Truck", 0.5));
+    let tables = site_tables(&boards(&rows).unwrap());
+    let markdown = text(|out| table_md::write(out, &tables));
+    for line in [
+        r"| R\&D \&copy; v2 |",
+        r"| \~\~old\~\~ |",
+        "\n\\# d has no",
+        "\n\\- dash has no",
+        "\n\\+ plus has no",
+        "\n\\> q has no",
+        "\n1\\. ours has no",
+    ] {
+        assert!(markdown.contains(line), "{line}: {markdown}");
+    }
+    let latex = text(|out| table_tex::write(out, &tables));
+    for line in [
+        r"{}[ours] a\textless{}b\textbar{}c\textgreater{}d & ",
+        "\n{}*star & ",
+        "\nwhole & ",
+    ] {
+        assert!(latex.contains(line), "{line}: {latex}");
+    }
 }

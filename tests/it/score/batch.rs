@@ -254,3 +254,76 @@ fn what_a_batch_cannot_take_apart_is_named() {
         "{said}"
     );
 }
+
+/// One method of one scene, and how it is scored with further arguments.
+fn batch_of_one() -> (Fixture, impl Fn(&[&str]) -> std::process::Output) {
+    let fixture = Fixture::new(1500);
+    fixture.put_cloud("Synth/ours/cloud.ply", bumpy_reconstruction(1500));
+    fixture.put_log("Synth/ours/cams.log", &given_poses());
+    let root = fixture.path("");
+    let score = move |more: &[&str]| {
+        let arguments = ["score", "--all", text(&root), "--one-profile", "--quiet"];
+        mvs_eval(&[&arguments[..], more].concat())
+    };
+    (fixture, score)
+}
+
+#[test]
+fn a_value_that_no_scene_can_be_scored_with_leaves_the_batch_before_it() {
+    let (fixture, score) = batch_of_one();
+    let out = fixture.path("results");
+    let first = score(&["--tau", "0.05", "--out", text(&out)]);
+    assert_eq!(first.status.code(), Some(0), "{}", stderr(&first));
+    let names = ["run.toml", "scores.csv", "Synth/ours/score.json"];
+    let bytes = || names.map(|name| read(&out, name));
+    let before = bytes();
+    for (wrong, said) in [
+        (
+            &["--tau", "0.05", "--bootstrap", "20"][..],
+            "--bootstrap: expected at least 40",
+        ),
+        (&["--tau", "0.01,0.02"], "--tau: expected one τ, found 2"),
+        (
+            &["--tau", "0.01,0.01"],
+            "--tau: expected distinct distances",
+        ),
+        (&["--tau", "nan"], "expected a distance above 0"),
+        (
+            &["--tau", "0.05", "--camera-distance", "-1"],
+            "--camera-distance: expected a distance above 0",
+        ),
+    ] {
+        let refused = score(&[wrong, &["--out", text(&out), "--force"]].concat());
+        assert_eq!(
+            refused.status.code(),
+            Some(2),
+            "{wrong:?}: {}",
+            stderr(&refused)
+        );
+        assert!(
+            stderr(&refused).contains(said),
+            "{wrong:?}: {}",
+            stderr(&refused)
+        );
+        assert!(bytes() == before, "{wrong:?}");
+    }
+}
+
+#[test]
+fn no_result_lies_in_its_method_s_folder_and_a_batch_is_no_unfinished_input_of_its_own() {
+    let (fixture, score) = batch_of_one();
+    let tau = ["--tau", "0.05", "--force", "--out"];
+    let refused = score(&[&tau[..], &[text(&fixture.path(""))]].concat());
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    let said = "Synth/ours: expected another folder for the result than the method's own";
+    assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
+    assert!(!fixture.path("Synth/ours/run.partial.toml").exists());
+    let within = score(&[&tau[..], &[text(&fixture.path("Synth"))]].concat());
+    assert_eq!(within.status.code(), Some(0), "{}", stderr(&within));
+    assert!(
+        !stderr(&within).contains("[unfinished]"),
+        "{}",
+        stderr(&within)
+    );
+    assert!(fixture.path("Synth/Synth/ours/score.json").is_file());
+}
