@@ -6,7 +6,7 @@ use super::{
 use clap::Args;
 use mvs_eval::Error;
 use mvs_eval::config;
-use mvs_eval::provenance::{Run, VERSION};
+use mvs_eval::provenance::{REVISION, Run, VERSION};
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -40,13 +40,7 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "--config: expected none, as replay takes the options of the run.toml, found one"
     );
     let run = Run::read(&args.run)?;
-    if run.version != VERSION {
-        output::say(&format!(
-            "warning [other-version]: {}: made by mvs-eval {}, this is {VERSION}: the result may differ",
-            args.run.display(),
-            run.version
-        ));
-    }
+    say_other_version(args, &run);
     for path in run.changed_inputs(&args.run) {
         let how = match Path::new(&path).exists() {
             true => "not what it was in the first run",
@@ -89,6 +83,24 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "fuse" => fuse::execute(&options(layers, run_file)?, global),
         other => anyhow::bail!("{}: unknown command `{other}`", args.run.display()),
     }
+}
+
+/// Says so where another version made the run, or another revision as far as both are known.
+fn say_other_version(args: &ReplayArgs, run: &Run) {
+    let is_known = [run.revision.as_str(), REVISION]
+        .iter()
+        .all(|it| *it != "unknown");
+    let (made, this) = if run.version != VERSION {
+        (format!("mvs-eval {}", run.version), VERSION)
+    } else if is_known && run.revision != REVISION {
+        (format!("revision {}", run.revision), REVISION)
+    } else {
+        return;
+    };
+    output::say(&format!(
+        "warning [other-version]: {}: made by {made}, this is {this}: the result may differ",
+        args.run.display()
+    ));
 }
 
 /// The options of a run, whose `run.toml` is named where they are none.

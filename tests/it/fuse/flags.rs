@@ -175,3 +175,26 @@ fn a_preset_is_not_said_to_count_where_it_does_not() {
         "{said}"
     );
 }
+
+/// What another revision made may come out otherwise now.
+#[test]
+fn a_replay_says_that_another_revision_made_the_run() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let job = write_scene(&scene, None, folder.path());
+    cloud(&job, &[]);
+    let run = folder.path().join("cloud.run.toml");
+    let replay = |name: &str| {
+        let out = folder.path().join(name);
+        let output = mvs_eval(&["replay", text(&run), "--out", text(&out)]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        stderr(&output)
+    };
+    assert!(!replay("a.ply").contains("other-version"));
+    let said = files::read_text(&run).unwrap();
+    let revision = Run::read(&run).unwrap().revision;
+    write(&run, said.replace(&revision, "0123456789ab"));
+    let is_known = revision != "unknown";
+    let warned = replay("b.ply").contains("[other-version]");
+    assert_eq!(warned, is_known, "{revision}");
+}
