@@ -58,8 +58,8 @@ pub(crate) struct FuseArgs {
     /// full: points have violations and scale, too; basic (default): they have not
     #[arg(long, value_name = "NAME")]
     properties: Option<String>,
-    /// Type of the coordinates: auto (default: float where that moves no point by a millionth of a usual depth,
-    /// else double), float or double
+    /// Type of the coordinates: auto (default: float where that moves no point by a millionth of a usual depth, or
+    /// its own, else double), float or double
     #[arg(long, value_name = "TYPE")]
     coordinates: Option<String>,
     #[command(flatten)]
@@ -72,8 +72,8 @@ pub(crate) struct FuseArgs {
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
-    /// The image size that the cams are for; by default that of a view's image or depth map,
-    /// whichever goes with the principal point
+    /// The image size that the cams are for; by default that of a view's image or depth map, whichever goes with the
+    /// principal point, else twice that point or a multiple of the depth map's size, with a warning
     #[arg(long, value_name = "WxH")]
     camera_size: Option<Size>,
     /// About how many MiB of maps to hold at a time (default 512); results do not depend on it

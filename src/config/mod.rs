@@ -82,7 +82,11 @@ const INSTEAD: [(&str, &str); 5] = [
 /// Overrides `base` with `over`, table by table.
 fn merge(base: &mut Table, over: Table) {
     for (name, instead) in INSTEAD {
-        if over.contains_key(name) {
+        // A quantile of 0 is none.
+        let is_zero =
+            |value: &Value| value.as_float() == Some(0.0) || value.as_integer() == Some(0);
+        let is_none = |value: &Value| name == "confidence_quantile" && is_zero(value);
+        if over.get(name).is_some_and(|value| !is_none(value)) {
             base.remove(instead);
         }
     }
@@ -181,5 +185,27 @@ mod tests {
                 assert_eq!(base, whole);
             }
         }
+    }
+
+    /// Without a quantile the threshold of layers below stands; a threshold of 0 is one.
+    #[test]
+    fn a_quantile_of_nothing_takes_no_threshold_away() {
+        let after = |flags: &str| {
+            let mut file = table("[fuse]\nmin_confidence = 0.5\nconfidence_quantile = 0.2\n");
+            merge(&mut file, table(flags));
+            file
+        };
+        for none in ["0.0", "0"] {
+            let found = after(&format!("fuse.confidence_quantile = {none}"));
+            assert_eq!(
+                found["fuse"]["min_confidence"].as_float(),
+                Some(0.5),
+                "{none}"
+            );
+        }
+        let found = after("fuse.confidence_quantile = 0.3");
+        assert!(found["fuse"].get("min_confidence").is_none());
+        let found = after("fuse.min_confidence = 0.0");
+        assert!(found["fuse"].get("confidence_quantile").is_none());
     }
 }

@@ -215,6 +215,8 @@ impl Sizes {
                 size,
                 Some("the images', whose middle is far from the principal point"),
             )
+        } else if is_like(twice, depth) {
+            (twice, Some("twice the principal point"))
         } else if let Some(size) = times(depth, &view.camera) {
             (
                 size,
@@ -268,6 +270,20 @@ impl Sizes {
             context.warnings.add("camera-size", message);
         }
     }
+}
+
+/// Whether a size has the depth maps' shape to the pixel of theirs, or one side that is a multiple of theirs: then it
+/// is no chance that the principal point is in its middle.
+fn is_like(size: Size, depth: Size) -> bool {
+    let [width, height, of_width, of_height] =
+        [size.width, size.height, depth.width, depth.height].map(f64::from);
+    let is_multiple = |side: f64, of: f64| {
+        let times = (side / of).round();
+        times >= 2.0 && (side - times * of).abs() <= 1.0
+    };
+    (height * of_width / width - of_height).abs() <= 0.5
+        || is_multiple(width, of_width)
+        || is_multiple(height, of_height)
 }
 
 /// So many times the depth maps' size, from twice on, if the principal point is near the middle then: of several the
@@ -370,5 +386,22 @@ mod tests {
         assert_eq!(found(96.0, 72.0), None);
         assert_eq!(found(240.0, 180.0), None);
         assert_eq!(found(384.0, 200.0), None);
+    }
+
+    #[test]
+    fn twice_the_principal_point_counts_where_it_is_like_the_maps() {
+        let size = |(width, height)| Size { width, height };
+        for (twice, depth) in [
+            ((400, 300), (96, 72)),
+            ((384, 216), (200, 112)),
+            ((130, 97), (64, 48)),
+            ((480, 270), (120, 66)),
+            ((228, 171), (32, 24)),
+        ] {
+            assert!(is_like(size(twice), size(depth)), "{twice:?}");
+        }
+        // Of photographs whose middle is another.
+        assert!(!is_like(size((764, 571)), size((192, 144))));
+        assert!(!is_like(size((1646, 1238)), size((400, 300))));
     }
 }

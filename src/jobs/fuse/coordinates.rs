@@ -10,7 +10,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Coordinates {
-    /// 32-bit where that moves no point by more than a millionth of a usual depth, else 64-bit.
+    /// 32-bit where that moves no point by more than a millionth of a usual depth, or of its own where that is
+    /// greater, else 64-bit.
     #[default]
     Auto,
     /// 32-bit: some tools read no others.
@@ -53,17 +54,63 @@ impl Coordinates {
 
 /// Rows of a map that are looked at.
 const ROWS: usize = 8;
+/// Depths in those below which all rows are.
+const FEW: usize = 64;
 /// The part of the depths that are nearer than a usual one: beyond them may be a background that is left out.
 const NEARER: usize = 20;
 
-/// What depths a map of this `size` has: of those in some rows a near one, that a twentieth are nearer than. `None`
+/// What depths a map of this `size` has: of those in some rows, or all where that is few, a near one, that a twentieth are nearer than. `None`
 /// where they have none, or cannot be read, which is said when all are.
 pub(super) fn usual_depth(
     size: (u32, u32),
-    rows: impl FnOnce(usize) -> Result<Vec<f32>, FormatError>,
+    rows: impl Fn(usize) -> Result<Vec<f32>, FormatError>,
 ) -> Option<f32> {
-    let mut depths = rows((size.1 as usize).div_ceil(ROWS)).ok()?;
-    depths.retain(|&depth| depth > 0.0 && depth.is_finite());
+    let depths_of = |every| {
+        let mut depths = rows(every).ok()?;
+        depths.retain(|&depth| depth > 0.0 && depth.is_finite());
+        Some(depths)
+    };
+    let mut depths = depths_of((size.1 as usize).div_ceil(ROWS))?;
+    if depths.len() < FEW {
+        depths = depths_of(1)?;
+    }
     let near = depths.len() / NEARER;
     (near < depths.len()).then(|| *depths.select_nth_unstable_by(near, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_usual_depth_is_one_that_a_twentieth_are_nearer_than() {
+        let depth = |row: usize, column: usize| match (row, column) {
+            (_, 0..3) => 0.0,
+            (_, 3) => 0.1,
+            (_, 4) => f32::INFINITY,
+            (_, column) if column < 60 => 2.0,
+            _ => 1e9,
+        };
+        let found = |rows_with: &dyn Fn(usize) -> bool| {
+            let rows = |every: usize| {
+                let rows = (0..80).step_by(every);
+                let value = |row| (0..100).map(move |column| (row, column));
+                let all = rows.flat_map(value);
+                let or_none = |(row, column)| {
+                    if rows_with(row) {
+                        depth(row, column)
+                    } else {
+                        0.0
+                    }
+                };
+                Ok(all.map(or_none).collect())
+            };
+            usual_depth((100, 80), rows)
+        };
+        assert_eq!(found(&|_| true), Some(2.0));
+        // None of the rows that are looked at first has any, or one alone.
+        assert_eq!(found(&|row| row % 10 > 0), Some(2.0));
+        assert_eq!(found(&|row| row == 33), Some(2.0));
+        assert_eq!(found(&|_| false), None);
+    }
 }
