@@ -100,72 +100,17 @@ pub(super) fn add_to_rows(
 type Put = fn(&BlockPoints<'_>, u64, &mut BandBytes);
 
 /// By the bits of the columns, so that each has its own code, in which all places are known.
-const PUT: [Put; ROW_KINDS] = [
-    put::<0, { bytes(0) }>,
-    put::<1, { bytes(1) }>,
-    put::<2, { bytes(2) }>,
-    put::<3, { bytes(3) }>,
-    put::<4, { bytes(4) }>,
-    put::<5, { bytes(5) }>,
-    put::<6, { bytes(6) }>,
-    put::<7, { bytes(7) }>,
-    put::<8, { bytes(8) }>,
-    put::<9, { bytes(9) }>,
-    put::<10, { bytes(10) }>,
-    put::<11, { bytes(11) }>,
-    put::<12, { bytes(12) }>,
-    put::<13, { bytes(13) }>,
-    put::<14, { bytes(14) }>,
-    put::<15, { bytes(15) }>,
-    put::<16, { bytes(16) }>,
-    put::<17, { bytes(17) }>,
-    put::<18, { bytes(18) }>,
-    put::<19, { bytes(19) }>,
-    put::<20, { bytes(20) }>,
-    put::<21, { bytes(21) }>,
-    put::<22, { bytes(22) }>,
-    put::<23, { bytes(23) }>,
-    put::<24, { bytes(24) }>,
-    put::<25, { bytes(25) }>,
-    put::<26, { bytes(26) }>,
-    put::<27, { bytes(27) }>,
-    put::<28, { bytes(28) }>,
-    put::<29, { bytes(29) }>,
-    put::<30, { bytes(30) }>,
-    put::<31, { bytes(31) }>,
-    put::<32, { bytes(32) }>,
-    put::<33, { bytes(33) }>,
-    put::<34, { bytes(34) }>,
-    put::<35, { bytes(35) }>,
-    put::<36, { bytes(36) }>,
-    put::<37, { bytes(37) }>,
-    put::<38, { bytes(38) }>,
-    put::<39, { bytes(39) }>,
-    put::<40, { bytes(40) }>,
-    put::<41, { bytes(41) }>,
-    put::<42, { bytes(42) }>,
-    put::<43, { bytes(43) }>,
-    put::<44, { bytes(44) }>,
-    put::<45, { bytes(45) }>,
-    put::<46, { bytes(46) }>,
-    put::<47, { bytes(47) }>,
-    put::<48, { bytes(48) }>,
-    put::<49, { bytes(49) }>,
-    put::<50, { bytes(50) }>,
-    put::<51, { bytes(51) }>,
-    put::<52, { bytes(52) }>,
-    put::<53, { bytes(53) }>,
-    put::<54, { bytes(54) }>,
-    put::<55, { bytes(55) }>,
-    put::<56, { bytes(56) }>,
-    put::<57, { bytes(57) }>,
-    put::<58, { bytes(58) }>,
-    put::<59, { bytes(59) }>,
-    put::<60, { bytes(60) }>,
-    put::<61, { bytes(61) }>,
-    put::<62, { bytes(62) }>,
-    put::<63, { bytes(63) }>,
-];
+const PUT: [Put; ROW_KINDS] = {
+    macro_rules! puts {
+        ($($bits:literal)*) => { [$(put::<$bits, { bytes($bits) }>),*] };
+    }
+    puts!(
+        0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15
+        16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31
+        32 33 34 35 36 37 38 39 40 41 42 43 44 45 46 47
+        48 49 50 51 52 53 54 55 56 57 58 59 60 61 62 63
+    )
+};
 
 const fn bytes(columns: u8) -> usize {
     row_bytes(Columns::of_row_bits(columns))

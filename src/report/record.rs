@@ -258,8 +258,8 @@ pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
 }
 
 /// Reads `results.csv`. The columns must be those of this version, in order; every fraction lies
-/// between 0 and 1, every distance from 0 up, every threshold above 0, and F follows from precision and recall as far as their
-/// digits go.
+/// between 0 and 1, every distance from 0 up, every threshold above 0, and F follows from precision and recall as far as
+/// their digits go.
 pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     let bytes = &whole(source)?;
     let lines = Lines {

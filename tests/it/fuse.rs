@@ -23,7 +23,7 @@ use mvs_eval::progress::Silent;
 use mvs_eval::provenance::Run;
 use mvs_eval::score::FinitePoints;
 use mvs_eval::score::plain::{Preparation, evaluate};
-use mvs_eval::warning::Warnings;
+use mvs_eval::warning::{Warning, Warnings};
 use std::io::Write;
 use std::path::Path;
 
@@ -75,13 +75,35 @@ fn write_scene(scene: &SyntheticScene, noise: Option<&DepthNoise>, folder: &Path
 }
 
 fn fuse(job: &FuseJob, force: bool) -> mvs_eval::Result<FuseOutcome> {
+    fuse_and_hear(job, force).0
+}
+
+/// What comes of a job, and what it warns of.
+fn fuse_and_hear(job: &FuseJob, force: bool) -> (mvs_eval::Result<FuseOutcome>, Vec<Warning>) {
     let warnings = Warnings::default();
     let context = Context {
         progress: &Silent,
         warnings: &warnings,
         force,
     };
-    run(job, &context)
+    let outcome = run(job, &context);
+    (outcome, warnings.sorted())
+}
+
+/// The header of a PLY, and some bytes more.
+fn header(path: &Path) -> String {
+    let bytes = std::fs::read(path).unwrap();
+    String::from_utf8_lossy(&bytes[..2500.min(bytes.len())]).into_owned()
+}
+
+/// Changes the map of a view in `folder`.
+fn change_map(folder: &Path, id: u32, change: impl Fn(usize, f32) -> f32) {
+    let path = folder.join(mvsnet::file_name(id, ".pfm"));
+    let mut map = files::read_raster(&path).unwrap();
+    for (at, value) in map.values_mut().iter_mut().enumerate() {
+        *value = change(at, *value);
+    }
+    files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
 }
 
 fn median_distance(scene: &SyntheticScene, points: &[DVec3]) -> f64 {
@@ -127,7 +149,7 @@ fn noisy_maps_fuse_to_the_same_bytes_at_any_number_of_threads_and_budget() {
     );
     assert!(cloud.normals().is_some() && cloud.confidences().is_some());
     assert!(cloud.view_counts().unwrap().iter().all(|&views| views >= 3));
-    let header = String::from_utf8_lossy(&std::fs::read(&job.out).unwrap()[..2000]).into_owned();
+    let header = header(&job.out);
     assert!(header.contains("comment max_pixel_error = 1.0"), "{header}");
     let report = files::read_text(&folder.path().join("cloud.json")).unwrap();
     assert!(report.contains("\"unconfident\"") && report.contains("\"mode\": \"hkust\""));
@@ -209,7 +231,7 @@ fn refusals_are_one_sentence_and_leave_nothing_behind() {
 
 /// What COLMAP's stereo would leave behind: `write_scene`'s scene as a dense workspace, the depth maps
 /// with half the images' pixels.
-fn write_workspace(scene: &SyntheticScene, folder: &Path) {
+fn write_workspace(scene: &SyntheticScene, folder: &Path) -> FuseJob {
     let views = scene.scene().views();
     let name = |id: u32| format!("photo_{}.png", 90 - id); // in the opposite order of ids
     let stereo = folder.join("stereo");
@@ -279,6 +301,11 @@ fn write_workspace(scene: &SyntheticScene, folder: &Path) {
     );
     let listed: Vec<String> = views[1..].iter().map(|view| name(view.id)).collect();
     text("stereo/fusion.cfg", &(listed.join("\n") + "\n"));
+    FuseJob {
+        scene: folder.to_path_buf(),
+        out: folder.join("cloud.ply"),
+        ..FuseJob::default()
+    }
 }
 
 fn depth_of(scene: &SyntheticScene, view: &View) -> DepthMap {
@@ -330,13 +357,8 @@ fn visible_in(folder: &Path, cloud: &PointCloud) -> Vec<Vec<u32>> {
 fn a_colmap_workspace_with_maps_smaller_than_its_images_fuses_onto_the_surface() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();
-    write_workspace(&scene, folder.path());
-    let mut job = FuseJob {
-        scene: folder.path().to_path_buf(),
-        out: folder.path().join("cloud.ply"),
-        vis: true,
-        ..FuseJob::default()
-    };
+    let mut job = write_workspace(&scene, folder.path());
+    job.vis = true;
     let outcome = fuse(&job, false).unwrap();
     assert_eq!(outcome.views, 11, "fusion.cfg leaves one out");
     let cloud = files::read_cloud(&job.out).unwrap();
@@ -497,10 +519,6 @@ fn voxels_merge_and_the_fingerprint_stands_in_header_and_report() {
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
     let all = fuse(&job, false).unwrap();
     (job.voxel, job.properties) = (0.05, Properties::Full);
-    let header = |path: &Path| {
-        let bytes = std::fs::read(path).unwrap();
-        String::from_utf8_lossy(&bytes[..2500.min(bytes.len())]).into_owned()
-    };
     let before = header(&job.out);
     assert!(!before.contains("violations") && !before.contains("property float scale"));
     let outcome = fuse(&job, true).unwrap();
@@ -546,15 +564,10 @@ fn valid_sampling_finds_fifteen_points_more_than_plain_at_equal_precision() {
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
     // Every fifth pixel or so is gone, as after a confidence filter.
     for view in scene.scene().views() {
-        let path = job.depths.join(mvsnet::file_name(view.id, ".pfm"));
-        let mut map = files::read_raster(&path).unwrap();
-        for (at, depth) in map.values_mut().iter_mut().enumerate() {
+        change_map(&job.depths, view.id, |at, depth| {
             let hash = (at as u32 ^ (view.id << 20)).wrapping_mul(2_654_435_761) >> 16;
-            if hash.is_multiple_of(5) {
-                *depth = 0.0;
-            }
-        }
-        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+            if hash.is_multiple_of(5) { 0.0 } else { depth }
+        });
     }
     job.fuse.min_sources = 3;
     job.fuse.soften = false;

@@ -10,6 +10,11 @@ use std::sync::Arc;
 /// OBJ files.
 pub type Corner = [Vec2; 3];
 
+/// Whether all of a triangle's texture coordinates are finite numbers.
+pub(crate) fn are_finite(corners: &Corner) -> bool {
+    corners.iter().all(|corner| corner.is_finite())
+}
+
 /// What a triangle's surface looks like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {

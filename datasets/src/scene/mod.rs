@@ -24,6 +24,7 @@ pub use camera::{Camera, Pose};
 pub use cloud::PointCloud;
 pub use depth::{DepthMap, RejectedDepths};
 pub use distortion::Distortion;
+pub(crate) use mesh::are_finite;
 pub use mesh::{Corner, Cutout, Material, Mesh, MeshColumns};
 pub use raster::{ColorImage, Mask, NormalMap, Raster, Window};
 pub use similarity::Similarity;

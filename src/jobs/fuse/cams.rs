@@ -189,7 +189,8 @@ struct Sizes {
 impl Sizes {
     /// The view's camera with the image size that its intrinsics are for: `--camera-size`; the
     /// image's where that goes with the principal point; the depth map's where that does; the
-    /// image's; twice the principal point where that has the depth map's shape.
+    /// image's; twice the principal point, which has the depth map's shape, where it is a whole number; a multiple of
+    /// the depth map's; twice the principal point where it is none.
     fn camera(
         &mut self,
         job: &FuseJob,
@@ -201,30 +202,29 @@ impl Sizes {
         let (image, depth) = (image.transpose()?.map(of), of(depth));
         let twice = of((view.camera.width(), view.camera.height()));
         let fits = |size: &Size| cameras::goes_with(*size, &view.camera);
-        let (size, assumed) = if let Some(size) = job.camera_size {
-            (size, None)
-        } else if let Some(size) = image.filter(fits) {
-            (size, None)
-        } else if fits(&depth) {
+        // In this order; with what is said where it is not sure.
+        let by_twice = Some("twice the principal point");
+        let of_shape = Some(twice).filter(|twice| same_shape(*twice, depth));
+        let sizes = [
+            (job.camera_size, None),
+            (image.filter(fits), None),
             (
-                depth,
+                Some(depth).filter(fits),
                 image.map(|_| "the depth maps', which the principal point fits, not the images'"),
-            )
-        } else if let Some(size) = image {
+            ),
             (
-                size,
+                image,
                 Some("the images', whose middle is far from the principal point"),
-            )
-        } else if is_like(twice, depth) {
-            (twice, Some("twice the principal point"))
-        } else if let Some(size) = times(depth, &view.camera) {
+            ),
+            (of_shape.filter(|_| is_a_middle(&view.camera)), by_twice),
             (
-                size,
+                times(depth, &view.camera),
                 Some("so many times the depth maps', whose middle is near the principal point"),
-            )
-        } else if same_shape(twice, depth) {
-            (twice, Some("twice the principal point"))
-        } else {
+            ),
+            (of_shape, by_twice),
+        ];
+        let found = sizes.into_iter().find_map(|(size, why)| Some((size?, why)));
+        let Some((size, assumed)) = found else {
             let problem = format!(
                 "expected a principal point near the middle of an image or of the depth map of {depth} \
                  pixels, found ({:.1}, {:.1}): give the images' size, --camera-size",
@@ -272,19 +272,15 @@ impl Sizes {
     }
 }
 
-/// Whether a size has the depth maps' shape to the pixel of theirs, or one side that is a multiple of theirs: then it
-/// is no chance that the principal point is in its middle.
-fn is_like(size: Size, depth: Size) -> bool {
-    let [width, height, of_width, of_height] =
-        [size.width, size.height, depth.width, depth.height].map(f64::from);
-    let is_multiple = |side: f64, of: f64| {
-        let times = (side / of).round();
-        times >= 2.0 && (side - times * of).abs() <= 1.0
-    };
-    (height * of_width / width - of_height).abs() <= 0.5
-        || is_multiple(width, of_width)
-        || is_multiple(height, of_height)
+/// Whether the principal point is the middle of an image of whole pixels, as that of rendered and undistorted ones often
+/// is and a calibrated one is not.
+fn is_a_middle(camera: &Camera) -> bool {
+    let twice = 2.0 * camera.center();
+    (twice - twice.round()).abs().max_element() < WHOLE
 }
+
+/// How far twice the principal point of a `cam.txt` may be from a whole number that it stands for.
+const WHOLE: f64 = 1e-4;
 
 /// So many times the depth maps' size, from twice on, if the principal point is near the middle then: of several the
 /// one whose middle is nearest.
@@ -389,19 +385,23 @@ mod tests {
     }
 
     #[test]
-    fn twice_the_principal_point_counts_where_it_is_like_the_maps() {
-        let size = |(width, height)| Size { width, height };
-        for (twice, depth) in [
-            ((400, 300), (96, 72)),
+    fn twice_the_principal_point_counts_where_it_is_a_middle() {
+        let found = |center, depth| size_of(&FuseJob::default(), center, depth).unwrap();
+        for (size, depth) in [
+            ((400u32, 300u32), (96, 72)),
             ((384, 216), (200, 112)),
             ((130, 97), (64, 48)),
             ((480, 270), (120, 66)),
             ((228, 171), (32, 24)),
         ] {
-            assert!(is_like(size(twice), size(depth)), "{twice:?}");
+            let center = (0.5 * f64::from(size.0), 0.5 * f64::from(size.1));
+            assert_eq!(found(center, depth), size);
         }
-        // Of photographs whose middle is another.
-        assert!(!is_like(size((764, 571)), size((192, 144))));
-        assert!(!is_like(size((1646, 1238)), size((400, 300))));
+        // Of photographs, whose middle is another; twice the second is 764x572, which has the maps' shape.
+        assert_eq!(found((381.87, 285.56), (192, 144)), (768, 576));
+        assert_eq!(found((382.1, 286.0), (192, 144)), (768, 576));
+        assert_eq!(found((823.205, 619.071), (400, 300)), (1600, 1200));
+        // Of no multiple.
+        assert_eq!(found((240.3, 180.2), (192, 144)), (481, 360));
     }
 }

@@ -59,8 +59,8 @@ const FEW: usize = 64;
 /// The part of the depths that are nearer than a usual one: beyond them may be a background that is left out.
 const NEARER: usize = 20;
 
-/// What depths a map of this `size` has: of those in some rows, or all where that is few, a near one, that a twentieth are nearer than. `None`
-/// where they have none, or cannot be read, which is said when all are.
+/// What depths a map of this `size` has: of those in some rows, or in all where they are few, a near one, that a
+/// twentieth are nearer than. `None` where there are none, or they cannot be read, which is said when all are.
 pub(super) fn usual_depth(
     size: (u32, u32),
     rows: impl Fn(usize) -> Result<Vec<f32>, FormatError>,

@@ -5,11 +5,6 @@ use crate::support::write;
 use mvs_datasets::scene::Pose;
 use std::path::PathBuf;
 
-fn header(path: &Path) -> String {
-    let bytes = std::fs::read(path).unwrap();
-    String::from_utf8_lossy(&bytes[..2000.min(bytes.len())]).into_owned()
-}
-
 /// Moves the cameras of a scene's cams by `offset`.
 fn move_cams(scene: &SyntheticScene, folder: &Path, offset: DVec3) {
     for view in scene.scene().views() {
@@ -73,14 +68,7 @@ fn coordinates_are_floats_where_that_is_exact_enough_and_doubles_far_away() {
     let (coarse, is_double) = cloud(Coordinates::Float);
     let moved = off(&coarse, far.positions());
     assert!(!is_double && moved > 0.01, "{moved:e}");
-    let warnings = Warnings::default();
-    let context = Context {
-        progress: &Silent,
-        warnings: &warnings,
-        force: true,
-    };
-    run(&job, &context).unwrap();
-    let said = &warnings.sorted()[0];
+    let said = &fuse_and_hear(&job, true).1[0];
     assert_eq!(said.code, "coarse-coordinates");
     assert!(
         said.message.contains("up to 4.8e-1 apart"),
@@ -99,21 +87,14 @@ fn coordinates_are_for_the_nearest_usual_depths() {
         fuse(&job, true).unwrap();
         header(&job.out).contains("property double x")
     };
-    let change = |id: u32, to: &dyn Fn(usize, f32) -> f32| {
-        let path = job.depths.join(mvsnet::file_name(id, ".pfm"));
-        let mut map = files::read_raster(&path).unwrap();
-        for (at, value) in map.values_mut().iter_mut().enumerate() {
-            *value = to(at, *value);
-        }
-        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
-    };
     for view in scene.scene().views() {
-        change(view.id, &|at, depth| if at % 10 < 7 { 1e10 } else { depth });
+        let background = |at, depth| if at % 10 < 7 { 1e10 } else { depth };
+        change_map(&job.depths, view.id, background);
     }
     assert!(!is_double());
     move_cams(&scene, folder.path(), DVec3::new(0.0, 1e3, 0.0));
     assert!(is_double());
-    change(scene.scene().views()[0].id, &|_, _| 1e9);
+    change_map(&job.depths, scene.scene().views()[0].id, |_, _| 1e9);
     assert!(is_double());
 }
 
@@ -202,12 +183,10 @@ fn infinite_confidence_is_none() {
     let folder = tempfile::tempdir().unwrap();
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
     for view in scene.scene().views() {
-        let path = job.confidence[0].join(mvsnet::file_name(view.id, ".pfm"));
-        let mut map = files::read_raster(&path).unwrap();
-        for value in map.values_mut().iter_mut().step_by(3) {
-            *value = f32::INFINITY;
-        }
-        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+        change_map(&job.confidence[0], view.id, |at, value| match at % 3 {
+            0 => f32::INFINITY,
+            _ => value,
+        });
     }
     job.fuse.min_confidence = 0.3;
     let procedures = [
@@ -245,12 +224,7 @@ fn infinite_confidence_is_none() {
 fn given_normals_become_unit_ones_that_face_the_camera_or_none() {
     let scene = scene();
     let folder = tempfile::tempdir().unwrap();
-    write_workspace(&scene, folder.path());
-    let mut job = FuseJob {
-        scene: folder.path().to_path_buf(),
-        out: folder.path().join("cloud.ply"),
-        ..FuseJob::default()
-    };
+    let mut job = write_workspace(&scene, folder.path());
     let write_normals = |normal: [f32; 3]| {
         for view in scene.scene().views() {
             let name = format!("photo_{}.png.geometric.bin", 90 - view.id);
@@ -263,14 +237,8 @@ fn given_normals_become_unit_ones_that_face_the_camera_or_none() {
         write_normals(normal);
         job.fuse = FuseOptions::of(mode);
         job.fuse.max_normal_angle = angle;
-        let warnings = Warnings::default();
-        let context = Context {
-            progress: &Silent,
-            warnings: &warnings,
-            force: true,
-        };
-        let outcome = run(&job, &context);
-        let codes: Vec<String> = warnings.sorted().into_iter().map(|w| w.code).collect();
+        let (outcome, warnings) = fuse_and_hear(&job, true);
+        let codes: Vec<String> = warnings.into_iter().map(|warning| warning.code).collect();
         outcome.map(|_| (files::read_cloud(&job.out).unwrap(), codes))
     };
     for mode in [FuseMode::Hkust, FuseMode::Cluster] {
@@ -295,15 +263,10 @@ fn given_normals_become_unit_ones_that_face_the_camera_or_none() {
         .path()
         .join("stereo/normal_maps/photo_88.png.geometric.bin");
     std::fs::remove_file(one).unwrap();
-    let warnings = Warnings::default();
-    let context = Context {
-        progress: &Silent,
-        warnings: &warnings,
-        force: true,
-    };
     job.fuse = FuseOptions::default();
-    run(&job, &context).unwrap();
-    let said = warnings.sorted().pop().unwrap();
+    let (outcome, mut warnings) = fuse_and_hear(&job, true);
+    let said = warnings.pop().unwrap();
+    assert!(outcome.is_ok());
     assert_eq!(said.code, "missing-normals");
     assert!(
         said.message.contains("1 of 11 views have no normal map"),
@@ -332,14 +295,13 @@ fn the_order_of_confidences_does_not_matter() {
     fuse(&job, true).unwrap();
     assert!(std::fs::read(&job.out).unwrap() == expected);
     // Infinity is none in any of them, as NaN.
-    let name = mvsnet::file_name(scene.scene().views()[0].id, ".pfm");
+    let first = scene.scene().views()[0].id;
+    let name = mvsnet::file_name(first, ".pfm");
     let mut unconfident = Vec::new();
     for (place, value) in [(0, f32::INFINITY), (1, f32::INFINITY), (0, f32::NAN)] {
         let path = job.confidence[place].join(&name);
         let before = std::fs::read(&path).unwrap();
-        let mut map = files::read_raster(&path).unwrap();
-        map.values_mut().fill(value);
-        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+        change_map(&job.confidence[place], first, |_, _| value);
         unconfident.push(fuse(&job, true).unwrap().counts.unconfident);
         write(&path, before);
     }

@@ -9,18 +9,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What the job warns of, by code.
 fn codes(job: &FuseJob) -> (mvs_eval::Result<FuseOutcome>, Vec<String>) {
-    let warnings = Warnings::default();
-    let context = Context {
-        progress: &Silent,
-        warnings: &warnings,
-        force: true,
-    };
-    let outcome = run(job, &context);
-    let sorted = warnings.sorted();
-    (
-        outcome,
-        sorted.into_iter().map(|warning| warning.code).collect(),
-    )
+    let (outcome, warnings) = fuse_and_hear(job, true);
+    let codes = warnings.into_iter().map(|warning| warning.code);
+    (outcome, codes.collect())
 }
 
 fn refused(job: &FuseJob, parts: &[&str]) {
@@ -379,11 +370,7 @@ fn depths_in_other_units_and_missing_pairs_are_said() {
     let folder = tempfile::tempdir().unwrap();
     let job = write_scene(&scene, None, folder.path());
     for view in scene.scene().views() {
-        let path = job.depths.join(mvsnet::file_name(view.id, ".pfm"));
-        let millimetres = files::read_raster(&path)
-            .unwrap()
-            .map(|depth| 1000.0 * depth);
-        files::write_atomically(&path, |out| pfm::write_gray(out, &millimetres)).unwrap();
+        change_map(&job.depths, view.id, |_, depth| 1000.0 * depth);
     }
     let (outcome, warned) = codes(&job);
     assert!(outcome.is_err() || outcome.unwrap().points < 1000);

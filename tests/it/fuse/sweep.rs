@@ -291,11 +291,7 @@ fn a_sweep_without_points_says_why_and_depths_in_other_units_are_said() {
     job.tau = 0.0;
     assert!(sweep(&job).1.is_empty());
     for view in scene.scene().views() {
-        let path = fuse_job.depths.join(mvsnet::file_name(view.id, ".pfm"));
-        let map = files::read_raster(&path)
-            .unwrap()
-            .map(|depth| depth * 1000.0);
-        files::write_atomically(&path, |out| pfm::write_gray(out, &map)).unwrap();
+        change_map(&fuse_job.depths, view.id, |_, depth| depth * 1000.0);
     }
     assert_eq!(sweep(&job).1, ["depth-units"]);
 }

@@ -4,7 +4,7 @@ use super::body::{Body, Row};
 use super::header::is_scalar;
 use crate::error::FormatError;
 use crate::format::polygon::triangulate;
-use crate::scene::Corner;
+use crate::scene::{Corner, are_finite};
 use glam::{DVec3, Vec2};
 use ply_rs_bw::ply::ElementDef;
 use std::ops::Range;
@@ -60,11 +60,10 @@ impl Faces {
                 self.triangles.iter().map(|t| at(all, t)).collect()
             }
         };
-        let is_there = |corner: &Corner| corner.iter().all(|coord| coord.is_finite());
         let without = coords.iter_mut().enumerate();
-        for (index, corner) in without.filter(|(_, corner)| !is_there(corner)) {
+        for (index, corner) in without.filter(|(_, corner)| !are_finite(corner)) {
             let others = of_vertices.map(|all| at(all, &self.triangles[index]));
-            if let Some(others) = others.filter(is_there) {
+            if let Some(others) = others.filter(are_finite) {
                 *corner = others;
                 continue;
             }

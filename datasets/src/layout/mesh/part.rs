@@ -9,7 +9,7 @@ use crate::format::ply::{PlyMesh, read_mesh};
 use crate::layout::files::read_with;
 use crate::layout::materials::{self, Draft, Library};
 use crate::layout::textures::Use;
-use crate::scene::{Corner, Material, Mesh};
+use crate::scene::{Corner, Material, Mesh, are_finite};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -40,12 +40,8 @@ impl Part {
 fn untexture(coords: &[Corner], drafts: &mut Vec<Draft>, slots: &mut [u32]) -> usize {
     let mut plain = BTreeMap::new();
     let mut count = 0;
-    let is_there = |corners: &Corner| corners.iter().all(|corner| corner.is_finite());
-    let without = coords
-        .iter()
-        .zip(slots)
-        .filter(|(corners, _)| !is_there(corners));
-    for (_, slot) in without {
+    let both = coords.iter().zip(slots);
+    for (_, slot) in both.filter(|(corners, _)| !are_finite(corners)) {
         let draft = &drafts[*slot as usize];
         if draft.texture.is_none() && draft.opacity.is_none() {
             continue;
