@@ -10,7 +10,9 @@ OUT_DIR/visibility.csv and build.csv. `--arbitrate SIDE...` counts pixels of the
 the exact test of every candidate (arbitration.csv), `--lens SIDE...` times the views through a lens, drawn
 and with its rays traced one by one (lens.csv), `--fisheye SIDE...` through fisheyes that see up to 90 degrees
 from the axis (fisheye.csv), `--rays SIDE...` the rays of the views' pixels one by one and
-together, beside embreex robust on the same rays (rays.csv). `--leaks N` instead counts rays aimed at corners and edges of closed
+together, beside embreex robust on the same rays (rays.csv), `--packets SIDE...` the views beside Embree's
+robust single rays and its robust packets of 16, told that rays are coherent and not, called from C without
+Python between (embree_packets.c, built with `cc`, the library that embreex brings; packets.csv). `--leaks N` instead counts rays aimed at corners and edges of closed
 spheres from inside that hit nothing, N of ours and a tenth of it for embreex with and without the
 robust flag, into OUT_DIR/leaks.csv.
 """
@@ -22,6 +24,7 @@ import os
 import pathlib
 import statistics
 import subprocess
+import tempfile
 import time
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -60,12 +63,16 @@ def sphere(rings):
     return vertices, np.concatenate([cells, top, bottom]).astype(np.int32)
 
 
-def rays(eye):
-    eye = np.array(eye)
+def axes(eye):
     ahead = -eye / np.linalg.norm(eye)
     right = np.cross(ahead, (0.1, 0.0, 1.0))
     right /= np.linalg.norm(right)
-    down = np.cross(ahead, right)
+    return right, np.cross(ahead, right), ahead
+
+
+def rays(eye):
+    eye = np.array(eye)
+    right, down, ahead = axes(eye)
     column, row = np.meshgrid(np.arange(2048) + 0.5, np.arange(1536) + 0.5)
     x, y = ((column - 1024) / 1600).ravel(), ((row - 768) / 1600).ravel()
     directions = (x[:, None] * right + y[:, None] * down + ahead).astype(np.float32)
@@ -173,6 +180,43 @@ def many_rays(binary, sides, repeats, out):
         append(out / "rays.csv", rows)
 
 
+def packets(binary, sides, repeats, out):
+    import embreex
+
+    [library] = (pathlib.Path(embreex.__file__).parent.parent / "embreex.libs").glob("libembree4*")
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        build = ["cc", "-O3", "-march=native", ROOT / "benches/embree_packets.c", "-o", folder / "packets", "-ldl"]
+        subprocess.run(build, check=True)
+        views = [[*eye, *np.concatenate(axes(np.array(eye)))] for eye in EYES]
+        np.savetxt(folder / "views", views)
+        for side in sides:
+            [ours] = lines_of(binary, repeats, side)
+            vertices, triangles = terrain(side)
+            vertices.tofile(folder / "vertices")
+            triangles.astype(np.uint32).tofile(folder / "triangles")
+            runs = []
+            for flags in ([], ["coherent"]):
+                words = [library, *(folder / name for name in ("vertices", "triangles", "views")), repeats]
+                text = subprocess.run([folder / "packets", *map(str, words), *flags], check=True,
+                                      capture_output=True, text=True).stdout
+                runs.append(np.array([line.split() for line in text.splitlines()], float))
+            for index, (mine, apart, coherent) in enumerate(zip(ours["views"], *runs)):
+                hits, hits_16, different, *seconds = coherent
+                single, single_all, packet, packet_all = 1e3 * np.array(seconds)
+                visibility, maps = 1e3 * mine["visibility_s"], 1e3 * mine["maps_s"]
+                append(out / "packets.csv", [{
+                    "triangles": int(ours["triangles"]), "view": index, "hits": mine["hits"],
+                    "embree_hits": int(hits), "packet_hits": int(hits_16), "different": int(different),
+                    "visibility_ms": visibility, "maps_ms": maps,
+                    "single_ms": single, "single_all_ms": single_all,
+                    "packet_ms": packet, "packet_all_ms": packet_all,
+                    "incoherent_all_ms": 1e3 * apart[-1],
+                    "ratio_visibility": packet / visibility, "ratio_maps": packet_all / maps,
+                    "ratio_single": single_all / maps,
+                }])
+
+
 def leaks(binary, count, out):
     rows = [{"tracer": "mvs-eval", **row} for row in lines_of(binary, "leaks", count)]
     random = np.random.default_rng(17)
@@ -206,6 +250,7 @@ def main():
     parser.add_argument("--lens", type=int, nargs="+")
     parser.add_argument("--fisheye", type=int, nargs="+")
     parser.add_argument("--rays", type=int, nargs="+")
+    parser.add_argument("--packets", type=int, nargs="+")
     options = parser.parse_args()
     binary = options.binary
     if binary is None:
@@ -223,6 +268,8 @@ def main():
         through_lens(binary, "fisheye", options.fisheye, options.out)
     if options.rays:
         many_rays(binary, options.rays, options.repeats, options.out)
+    if options.packets:
+        packets(binary, options.packets, options.repeats, options.out)
     if options.leaks:
         leaks(binary, options.leaks, options.out)
 
