@@ -16,6 +16,8 @@ use std::path::PathBuf;
 /// images: intrinsics are scaled to them. SCENE may be a COLMAP dense workspace too: its depth and
 /// normal maps, fusion.cfg and sparse model are read.
 ///
+/// Beside cloud.ply, cloud.json says what became of all pixels, by reason, and cloud.run.toml how it was made.
+///
 /// With --sweep the maps are read once and fused with a grid of parameters: OUT is a CSV of what
 /// each gives, scored where --truth is given.
 ///
@@ -92,25 +94,27 @@ pub(crate) struct FuseFlags {
     /// hkust's first pass: median (default), merrell-confidence, merrell-stability, none
     #[arg(long, value_name = "NAME")]
     visibility: Option<String>,
-    /// Sampling of source depth maps: valid or plain
+    /// Sampling of source depth maps: valid (default of hkust and cluster) or plain
     #[arg(long, value_name = "NAME")]
     sampling: Option<String>,
     /// Leave out this fraction of each view's pixels with a depth, the least confident, instead of a threshold
     #[arg(long, value_name = "Q")]
     confidence_quantile: Option<f64>,
-    /// Largest number of source views per reference view; 0 for all
+    /// Largest number of source views per reference view (default 10, cluster 50, gipuma all); 0 for all
     #[arg(long, value_name = "N")]
     max_sources: Option<usize>,
-    /// Smallest confidence
+    /// Least confidence (default 0.8; where it is a maximum over hypotheses, 0.3 is usual): pixels below it are left
+    /// out, in hkust, geo and dynamic those at it, too
     #[arg(long, value_name = "C")]
-    pub(super) min_confidence: Option<f32>,
-    /// Largest reprojection error in pixels
+    pub(super) min_confidence: Option<f64>,
+    /// Largest reprojection error in pixels (default 1, cluster 2)
     #[arg(long, value_name = "PX")]
     pub(super) max_pixel_error: Option<f64>,
-    /// Largest relative depth error
+    /// Largest relative depth error (default 0.01)
     #[arg(long, value_name = "R")]
     max_depth_error: Option<f64>,
-    /// Source views that must agree, the reference view not counted
+    /// Source views that must agree, the reference view not counted (default 3, cluster 4;
+    /// dynamic has its own rule)
     #[arg(long, value_name = "N")]
     pub(super) min_sources: Option<usize>,
 }

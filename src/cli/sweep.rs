@@ -31,7 +31,7 @@ pub(super) struct SweepFlags {
     sweep_min_sources: Vec<usize>,
     /// Values of --min-confidence in the grid (default that flag's, else 0.3,0.6,0.8)
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "sweep")]
-    sweep_min_confidence: Vec<f32>,
+    sweep_min_confidence: Vec<f64>,
 }
 
 impl SweepFlags {

@@ -50,7 +50,7 @@ pub(crate) struct TradeoffArgs {
     camera_size: Option<Size>,
     /// Fusion: leave out pixels below this confidence
     #[arg(long)]
-    min_confidence: Option<f32>,
+    min_confidence: Option<f64>,
     /// Fusion: the cloud or mesh that fused clouds are scored against; by default the cloud of all sources
     #[arg(long, value_name = "FILE")]
     fuse_truth: Option<PathBuf>,
@@ -61,7 +61,7 @@ pub(crate) struct TradeoffArgs {
     /// Rendering: cameras in any known form
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
-    /// Rendering: the image size that the cameras are for
+    /// Rendering: the size of the images, as for `render`
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Blending: a scene folder that was generated with --extras input-images,rendered-images

@@ -77,7 +77,7 @@ impl Confident {
         let known = maps.confidence_parts(index, &wanted, &mut room)?;
         Ok(known.then_some(Self {
             confidences: room,
-            least: options.min_confidence,
+            least: options.least_confidence(),
         }))
     }
 
@@ -167,7 +167,7 @@ pub(super) fn with_depth<'a>(
 /// The least confidence that is kept: given, or a quantile of those of the pixels with depth.
 pub(super) fn threshold(with_depth: impl Iterator<Item = f32>, options: &FuseOptions) -> f32 {
     if options.confidence_quantile <= 0.0 {
-        return options.min_confidence;
+        return options.least_confidence();
     }
     let mut values: Vec<f32> = with_depth.filter(|&c| c < f32::INFINITY).collect();
     if values.is_empty() {
@@ -186,6 +186,7 @@ pub(super) fn threshold(with_depth: impl Iterator<Item = f32>, options: &FuseOpt
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fuse::options::FuseMode;
     use crate::fuse::samples::{Filters, prepare};
     use crate::fuse::testing::arc;
     use glam::DVec3;
@@ -249,6 +250,34 @@ mod tests {
         }
         assert!(unconfident > 0);
         assert_eq!(unconfident, whole.left_out().unconfident);
+    }
+
+    /// `prob < threshold` is left out by the scripts of `gipuma`, `prob > threshold` kept by the others.
+    #[test]
+    fn what_is_just_as_confident_as_asked_counts_where_the_published_scripts_count_it() {
+        let kept = |mode, min_confidence| {
+            let options = FuseOptions {
+                mode,
+                min_confidence,
+                ..FuseOptions::default()
+            };
+            let confidences = [0.0, 0.8f32.next_down(), 0.8, 0.8f32.next_up()];
+            let mut to = [0.0; 4];
+            put_confident(
+                (&[1.0; 4], &confidences),
+                options.least_confidence(),
+                &mut to,
+            );
+            to
+        };
+        for mode in [FuseMode::Hkust, FuseMode::Geo, FuseMode::Dynamic] {
+            assert_eq!(kept(mode, 0.8), [0.0, 0.0, 0.0, 1.0], "{mode:?}");
+            assert_eq!(kept(mode, 0.0), [1.0; 4], "{mode:?}");
+        }
+        for mode in [FuseMode::Gipuma, FuseMode::Cluster] {
+            assert_eq!(kept(mode, 0.8), [0.0, 0.0, 1.0, 1.0], "{mode:?}");
+            assert_eq!(kept(mode, 0.0), [1.0; 4], "{mode:?}");
+        }
     }
 
     #[test]

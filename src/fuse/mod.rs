@@ -15,7 +15,6 @@ mod counts;
 mod engine;
 #[cfg(test)]
 mod extremes;
-mod filling;
 mod finish;
 pub mod geometry;
 mod inputs;
@@ -26,6 +25,7 @@ mod normals;
 mod options;
 #[cfg(test)]
 mod oracle;
+mod packing;
 mod points;
 pub mod presets;
 mod reference;

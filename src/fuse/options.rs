@@ -14,8 +14,9 @@ pub struct FuseOptions {
     pub visibility: Visibility,
     /// At most so many source views per reference view; 0 for all that are listed.
     pub max_sources: usize,
-    /// Pixels below this confidence are left out, where there is confidence.
-    pub min_confidence: f32,
+    /// Where there is confidence, pixels below this one are left out, and in the modes whose published scripts keep
+    /// what lies above (`hkust`, `geo`, `dynamic`) those at it, unless it is 0.
+    pub min_confidence: f64,
     /// Instead of `min_confidence`: the fraction of each view's pixels with a depth (in range and in the mask), the
     /// least confident ones, that is left out; 0 for none. For confidences whose scale is unknown.
     pub confidence_quantile: f64,
@@ -211,12 +212,12 @@ impl FuseOptions {
             "a fraction above 0, below 1",
             fits,
         )?;
-        let confidence = f64::from(self.min_confidence);
+        let confidence = self.min_confidence;
         expect(
             "min_confidence",
             confidence,
             "a number",
-            confidence < f64::INFINITY,
+            confidence < f64::from(f32::MAX),
         )?;
         expect(
             "min_support",
@@ -244,6 +245,17 @@ impl FuseOptions {
             };
         }
         Ok(())
+    }
+
+    /// The least confidence that is kept by [`Self::min_confidence`].
+    #[allow(clippy::cast_possible_truncation, reason = "confidences are f32")]
+    pub(super) fn least_confidence(&self) -> f32 {
+        let least = self.min_confidence as f32;
+        let above = match self.mode {
+            FuseMode::Hkust | FuseMode::Geo | FuseMode::Dynamic => least != 0.0,
+            FuseMode::Gipuma | FuseMode::Cluster => false,
+        };
+        if above { least.next_up() } else { least }
     }
 
     /// Whether depths may be filled in where a view has none.
@@ -310,7 +322,7 @@ mod tests {
         assert!(bad(|o| o.similar_depth = 0.0).contains("similar_depth"));
         assert!(bad(|o| o.wide_angle = 90.0).contains("wide_angle"));
         assert!(bad(|o| o.confidence_quantile = 1.0).contains("confidence_quantile"));
-        assert!(bad(|o| o.min_confidence = f32::NAN).contains("min_confidence"));
+        assert!(bad(|o| o.min_confidence = f64::NAN).contains("min_confidence"));
         assert!(bad(|o| o.max_depth = -1.0).contains("max_depth"));
         assert!(bad(|o| o.bounds = Some([[0.0; 3], [-1.0; 3]])).contains("bounds"));
     }

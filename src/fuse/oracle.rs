@@ -65,7 +65,14 @@ impl<'a> Reference<'a> {
         }
         let confidence = self.estimate.confidence.as_ref();
         let confidence = confidence.map_or(1.0, |map| map.get(column, row));
-        if confidence.is_nan() || confidence < self.options.min_confidence {
+        let least = self.options.min_confidence as f32;
+        let is_enough = match self.options.mode {
+            FuseMode::Gipuma | FuseMode::Cluster => confidence >= least,
+            FuseMode::Hkust | FuseMode::Geo | FuseMode::Dynamic => {
+                confidence > least || confidence == least && least == 0.0
+            }
+        };
+        if !is_enough {
             band.counts.unconfident += 1;
             return;
         }

@@ -4,11 +4,11 @@
 use super::confident::{Confident, Rows};
 use super::consensus::Consensus;
 use super::counts::FuseCounts;
-use super::filling::{Filling, STRIP, Take};
 use super::finish::{Add, BlockPoints, Face, Frame, Gather, Locate, Mean, Place, Room, entries};
 use super::kernel::{BLOCK, Block, Seen};
 use super::normals;
 use super::options::{Colors, FuseOptions};
+use super::packing::{Packing, STRIP, Take};
 use super::points::{Columns, Points};
 use super::rows::{BandBytes, add_to_rows};
 use super::rules::{Against, Bounds, Case, Court, Kept, Rule, Verdict};
@@ -243,11 +243,11 @@ impl Reference<'_> {
         let mut verdict = Verdict::new(&sources, kept);
         let arch = Arch::new();
         let mut block = Block::new();
-        let mut finish = |filling: &mut Filling| {
+        let mut finish = |packing: &mut Packing| {
             let (grid, unit) = (self.samples.grid(), self.samples.unit());
             let block = &mut block;
             arch.dispatch(Take {
-                filling,
+                packing,
                 block,
                 grid,
                 unit,
@@ -260,7 +260,7 @@ impl Reference<'_> {
             });
             f(block, &verdict.seen, &verdict.consensus);
         };
-        let mut filling = Filling::new();
+        let mut packing = Packing::new();
         let stored = self.samples.columns();
         let extents = || rows.clone().map(|row| self.samples.extent(row));
         let filled = || extents().filter(|extent| !extent.is_empty());
@@ -276,14 +276,14 @@ impl Reference<'_> {
                     continue;
                 }
                 #[allow(clippy::cast_possible_truncation, reason = "image sizes are u32")]
-                filling.add((left as u32, row as u32), values);
-                if filling.is_full() {
-                    finish(&mut filling);
+                packing.add((left as u32, row as u32), values);
+                if packing.is_full() {
+                    finish(&mut packing);
                 }
             }
         }
-        if !filling.is_empty() {
-            finish(&mut filling);
+        if !packing.is_empty() {
+            finish(&mut packing);
         }
     }
 

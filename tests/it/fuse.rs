@@ -192,7 +192,7 @@ fn merrells_rules_run_on_the_noisy_scene() {
         );
         // What was filled in at pixels of too little confidence has none of theirs.
         let confidences = cloud.confidences().unwrap();
-        let own = |confidence: &&f32| **confidence >= job.fuse.min_confidence;
+        let own = |confidence: &&f32| f64::from(**confidence) > job.fuse.min_confidence;
         let none = confidences.iter().filter(|&&confidence| confidence == 0.0);
         let none = none.count();
         assert!(none > 0, "{visibility:?}");

@@ -30,7 +30,7 @@ pub struct SweepJob {
     /// Values of `min_sources`.
     pub min_sources: Vec<usize>,
     /// Values of `min_confidence`; without confidence maps it is not varied.
-    pub min_confidences: Vec<f32>,
+    pub min_confidences: Vec<f64>,
     /// A cloud of the true surface: each combination is scored against it, in the crop volume if one is given,
     /// both clouds averaged over voxels of `tau` / 2.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -63,7 +63,7 @@ pub struct SweepRow {
     /// Sources that must agree, where the mode asks for it.
     pub min_sources: Option<usize>,
     /// Smallest confidence, where maps of it are given and no quantile.
-    pub min_confidence: Option<f32>,
+    pub min_confidence: Option<f64>,
     /// Points of the cloud.
     pub points: usize,
     /// What became of the pixels.

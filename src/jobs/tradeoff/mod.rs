@@ -50,14 +50,14 @@ pub struct TradeoffJob {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera_size: Option<Size>,
     /// Fusion: pixels below this confidence are left out.
-    pub min_confidence: f32,
+    pub min_confidence: f64,
     /// Fusion: the cloud or mesh that fused clouds are scored against; the exact setting's cloud without.
     pub fuse_truth: Option<PathBuf>,
     /// Rendering: the mesh.
     pub mesh: Vec<PathBuf>,
     /// Rendering: cameras in any known form.
     pub cameras: Option<PathBuf>,
-    /// Rendering: the image size that the cameras are for, where they do not say.
+    /// Rendering: the size of the images; cameras that state another are scaled to cover it and cut to its centre.
     pub size: Option<Size>,
     /// Blending: a generated scene with its input and rendered images.
     pub dataset: Option<PathBuf>,

@@ -211,7 +211,7 @@ fn infinite_confidence_is_none() {
         assert!(confidences.iter().all(|confidence| confidence.is_finite()));
         assert!(cloud.len() > 5000, "{:?} {}", job.fuse.mode, cloud.len());
     }
-    job.fuse.min_confidence = f32::INFINITY;
+    job.fuse.min_confidence = f64::INFINITY;
     let message = fuse(&job, true).unwrap_err().to_string();
     assert!(
         message.contains("min_confidence: expected a number"),

@@ -16,7 +16,7 @@ pub(super) const STRIP: usize = 16;
 const ROOM: usize = BLOCK + STRIP;
 
 /// Pixels that have a depth, on their way into blocks.
-pub(super) struct Filling {
+pub(super) struct Packing {
     len: usize,
     column: [u32; ROOM],
     row: [u32; ROOM],
@@ -24,7 +24,7 @@ pub(super) struct Filling {
     stored: [f32; ROOM],
 }
 
-impl Filling {
+impl Packing {
     pub(super) fn new() -> Self {
         Self {
             len: 0,
@@ -80,7 +80,7 @@ impl Filling {
 
 /// Takes a block out of what is there, which must be something.
 pub(super) struct Take<'a> {
-    pub(super) filling: &'a mut Filling,
+    pub(super) packing: &'a mut Packing,
     pub(super) block: &'a mut Block,
     pub(super) grid: Grid,
     pub(super) unit: Unit,
@@ -93,28 +93,28 @@ impl WithSimd for Take<'_> {
     #[allow(clippy::cast_precision_loss, reason = "image sizes are far below 2^23")]
     fn with_simd<S: Simd>(self, _: S) {
         let Self {
-            filling,
+            packing,
             block,
             grid,
             unit,
         } = self;
-        block.len = filling.len.min(BLOCK);
-        let last = filling.len - 1;
+        block.len = packing.len.min(BLOCK);
+        let last = packing.len - 1;
         // Entries beyond the last are like it.
-        for i in filling.len..BLOCK {
-            filling.column[i] = filling.column[last];
-            filling.row[i] = filling.row[last];
-            filling.stored[i] = filling.stored[last];
+        for i in packing.len..BLOCK {
+            packing.column[i] = packing.column[last];
+            packing.row[i] = packing.row[last];
+            packing.stored[i] = packing.stored[last];
         }
         for i in 0..BLOCK {
-            let (column, row) = (filling.column[i], filling.row[i]);
+            let (column, row) = (packing.column[i], packing.row[i]);
             (block.pixel[i], block.place[i]) = grid.numbers(column, row);
             (block.column[i], block.row[i]) = (column, row);
             block.u[i] = column as i32 as f32 + 0.5;
             block.v[i] = row as i32 as f32 + 0.5;
-            block.depth[i] = unit.convert(filling.stored[i]);
+            block.depth[i] = unit.convert(packing.stored[i]);
         }
-        filling.shift();
+        packing.shift();
     }
 }
 
@@ -140,7 +140,7 @@ mod tests {
         let mut random = rng(9);
         for unit in [Unit::Depth, Unit::Inverse] {
             let grid = Grid::whole(90);
-            let (mut filling, mut blocks, mut expected) = (Filling::new(), 0, Block::new());
+            let (mut packing, mut blocks, mut expected) = (Packing::new(), 0, Block::new());
             for row in 0..500u32 {
                 let column = 16 * (row * 7 % 5);
                 let length = if column == 64 { 11 } else { STRIP };
@@ -154,7 +154,7 @@ mod tests {
                     }
                 };
                 let values: Vec<f32> = (0..length).map(|_| draw()).collect();
-                filling.add((column, row), &values);
+                packing.add((column, row), &values);
                 let mut left = Vec::new();
                 for (column, &value) in (column..).zip(&values).filter(|(_, value)| **value > 0.0) {
                     if expected.is_full() {
@@ -163,9 +163,9 @@ mod tests {
                         expected.push(grid, column, row, unit.convert(value));
                     }
                 }
-                assert_eq!(filling.is_full(), expected.is_full());
-                if filling.is_full() {
-                    assert!(same(&take(&mut filling, unit), &expected));
+                assert_eq!(packing.is_full(), expected.is_full());
+                if packing.is_full() {
+                    assert!(same(&take(&mut packing, unit), &expected));
                     blocks += 1;
                     expected.len = 0;
                     for (column, value) in left {
@@ -173,9 +173,9 @@ mod tests {
                     }
                 }
             }
-            assert!(blocks > 50 && !filling.is_empty());
+            assert!(blocks > 50 && !packing.is_empty());
             // What is left is filled up with its last pixel.
-            let rest = take(&mut filling, unit);
+            let rest = take(&mut packing, unit);
             let last = expected.len - 1;
             let (u, v, depth) = (expected.u[last], expected.v[last], expected.depth[last]);
             for i in expected.len..BLOCK {
@@ -184,14 +184,14 @@ mod tests {
                 (expected.pixel[i], expected.place[i]) =
                     (expected.pixel[last], expected.place[last]);
             }
-            assert!(same(&rest, &expected) && filling.is_empty());
+            assert!(same(&rest, &expected) && packing.is_empty());
         }
     }
 
-    fn take(filling: &mut Filling, unit: Unit) -> Block {
+    fn take(packing: &mut Packing, unit: Unit) -> Block {
         let mut block = Block::new();
         Arch::new().dispatch(Take {
-            filling,
+            packing,
             block: &mut block,
             grid: Grid::whole(90),
             unit,
