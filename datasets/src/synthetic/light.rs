@@ -2,6 +2,7 @@
 
 use super::texture::to_byte;
 use glam::{DVec2, DVec3};
+use libm::{cos, exp, sin};
 use std::f64::consts::{PI, TAU};
 
 /// The largest value of [`lighting`] times [`TINT`].
@@ -14,8 +15,8 @@ const TINT: [f64; 3] = [1.05, 1.0, 0.93];
 pub fn lighting(index: usize, place: DVec2) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "view indices are small")]
     let phase = TAU * (index as f64 * 0.381_966).fract();
-    let across = 0.18 * (PI * place.x + phase).sin();
-    let down = 0.12 * (1.3 * PI * place.y - 0.7 * phase).cos();
+    let across = 0.18 * sin(PI * place.x + phase);
+    let down = 0.12 * cos(1.3 * PI * place.y - 0.7 * phase);
     1.0 + across + down
 }
 
@@ -37,7 +38,7 @@ pub(super) fn photographed(rendered: [u8; 3], light: f64) -> [f64; 3] {
 pub(super) fn backdrop(direction: DVec3) -> [f64; 3] {
     let (zenith, horizon, below) = ([0.33, 0.52, 0.80], [0.88, 0.90, 0.90], [0.42, 0.40, 0.37]);
     let height = direction.normalize_or_zero().z;
-    let away = 1.0 - (-4.0 * height.abs()).exp();
+    let away = 1.0 - exp(-4.0 * height.abs());
     let far = if height > 0.0 { zenith } else { below };
     std::array::from_fn(|channel| horizon[channel] + away * (far[channel] - horizon[channel]))
 }

@@ -1,5 +1,6 @@
 //! Scenes whose truth has a closed form: depth, surface samples and distances by formula, and
-//! photographs and estimated depths whose faults are known.
+//! photographs and estimated depths whose faults are known. Sines and the like are `libm`'s: those of systems
+//! differ in last bits, and a scene is to be the same everywhere.
 
 mod light;
 mod noise;

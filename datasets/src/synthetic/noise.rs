@@ -135,7 +135,7 @@ fn punch(holes: &mut Raster<bool>, truth: &DepthMap, center: (f64, f64), radius:
         for column in span(center.0, truth.width()) {
             let dx = f64::from(column) + 0.5 - center.0;
             let dy = f64::from(row) + 0.5 - center.1;
-            if dx.hypot(dy) <= radius && !holes.get(column, row) {
+            if libm::hypot(dx, dy) <= radius && !holes.get(column, row) {
                 holes.set(column, row, true);
                 covered += f64::from(u8::from(truth.get(column, row) > 0.0));
             }

@@ -1,5 +1,6 @@
 //! Random numbers that depend on a seed and a stream only, not on any library's distributions.
 
+use libm::{cos, log};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -29,8 +30,8 @@ impl Random {
 
     /// Standard normal, by Box and Muller; always consumes two draws.
     pub(super) fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.unit()).cos()
+        let radius = (-2.0 * log(1.0 - self.unit())).sqrt();
+        radius * cos(std::f64::consts::TAU * self.unit())
     }
 }
 

@@ -3,6 +3,7 @@
 use super::random::Random;
 use super::surface::{Patch, Ray, Sample, Surface, cells, jittered_grid};
 use glam::{DVec2, DVec3};
+use libm::{cos, hypot, sin};
 
 /// Where a solid stands on a rectangle, in the rectangle's own coordinates in world units. That part
 /// is covered.
@@ -100,9 +101,7 @@ impl Surface for Rectangle {
         let (along, height) = self.local(point);
         let nearest = along.clamp(DVec2::ZERO, self.size());
         let aside = (along - nearest).length();
-        aside
-            .max(self.covered(nearest).unwrap_or(0.0))
-            .hypot(height)
+        hypot(aside.max(self.covered(nearest).unwrap_or(0.0)), height)
     }
 
     fn sample(&self, spacing: f64, random: &mut Random) -> Vec<Sample> {
@@ -151,8 +150,8 @@ pub(super) fn standing_box(base: DVec3, x: DVec3, y: DVec3, up: DVec3) -> Vec<Re
 /// The four walls and the top of an upright box: `center` is the middle of its bottom, `size` its
 /// edge lengths, `yaw` its turn about +Z in radians.
 pub(super) fn upright_box(center: DVec3, size: DVec3, yaw: f64) -> Vec<Rectangle> {
-    let x = DVec3::new(yaw.cos(), yaw.sin(), 0.0) * size.x;
-    let y = DVec3::new(-yaw.sin(), yaw.cos(), 0.0) * size.y;
+    let x = DVec3::new(cos(yaw), sin(yaw), 0.0) * size.x;
+    let y = DVec3::new(-sin(yaw), cos(yaw), 0.0) * size.y;
     standing_box(center - 0.5 * (x + y), x, y, DVec3::Z * size.z)
 }
 

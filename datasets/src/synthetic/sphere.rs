@@ -3,6 +3,7 @@
 use super::random::Random;
 use super::surface::{Patch, Ray, Sample, Surface, cells};
 use glam::{DVec2, DVec3};
+use libm::{acos, cos, hypot, sin};
 use std::f64::consts::{PI, TAU};
 
 /// Cells around the tessellated sphere, unless said otherwise.
@@ -50,25 +51,25 @@ impl Sphere {
 
     /// The angle between the top and the floor, seen from the centre.
     fn extent(&self) -> f64 {
-        (1.0 - self.height() / self.radius).clamp(-1.0, 1.0).acos()
+        acos((1.0 - self.height() / self.radius).clamp(-1.0, 1.0))
     }
 
     fn point(&self, azimuth: f64, polar: f64) -> DVec3 {
-        let around = polar.sin();
-        let unit = DVec3::new(around * azimuth.cos(), around * azimuth.sin(), polar.cos());
+        let around = sin(polar);
+        let unit = DVec3::new(around * cos(azimuth), around * sin(azimuth), cos(polar));
         self.center + self.radius * unit
     }
 
     /// A cell's four corners lie in one plane; the surface bulges over it by at most the radius
     /// less the plane's distance from the centre.
     fn deviation(&self) -> f64 {
-        let half = (0.5 * TAU / f64::from(self.around)).cos();
+        let half = cos(0.5 * TAU / f64::from(self.around));
         let step = self.extent() / f64::from(self.down());
         let bulge = |row: u32| {
             let (upper, lower) = (step * f64::from(row), step * f64::from(row + 1));
-            let across = half * (lower.sin() - upper.sin());
-            let along = lower.cos() - upper.cos();
-            1.0 - half * step.sin() / across.hypot(along)
+            let across = half * (sin(lower) - sin(upper));
+            let along = cos(lower) - cos(upper);
+            1.0 - half * sin(step) / hypot(across, along)
         };
         self.radius * (0..self.down()).map(bulge).fold(0.0, f64::max)
     }
@@ -97,7 +98,7 @@ impl Surface for Sphere {
         let nearest_z = self.center.z + offset.z * (self.radius / length);
         if length > 0.0 && nearest_z < self.floor {
             let aside = offset.truncate().length() - self.rim();
-            return aside.hypot(point.z - self.floor);
+            return hypot(aside, point.z - self.floor);
         }
         (length - self.radius).abs()
     }
@@ -110,7 +111,7 @@ impl Surface for Sphere {
         let (height, extent) = (self.height(), self.extent());
         let sample = |index: u32| {
             let below_top = height * (f64::from(index) + 0.5) / f64::from(count);
-            let polar = (1.0 - below_top / self.radius).acos();
+            let polar = acos(1.0 - below_top / self.radius);
             let azimuth = (phase + golden * f64::from(index)).rem_euclid(TAU);
             let position = self.point(azimuth, polar);
             Sample {

@@ -9,6 +9,7 @@ use super::tube::Tube;
 use crate::error::Result;
 use crate::scene::ColorImage;
 use glam::{DVec2, DVec3};
+use libm::{cos, sin};
 use std::sync::Arc;
 
 /// A surface and what is painted on it.
@@ -89,11 +90,11 @@ impl Stage {
         let turn = std::f64::consts::TAU / f64::from(count);
         self.stands.extend((0..count).map(|index| {
             let azimuth = turn * (f64::from(index) + 0.5);
-            let height = elevation.0 + elevation.1 * (2.0 * azimuth).sin();
+            let height = elevation.0 + elevation.1 * sin(2.0 * azimuth);
             let direction = DVec3::new(
-                height.cos() * azimuth.cos(),
-                height.cos() * azimuth.sin(),
-                height.sin(),
+                cos(height) * cos(azimuth),
+                cos(height) * sin(azimuth),
+                sin(height),
             );
             Stand {
                 eye: target + distance * direction,
@@ -179,7 +180,7 @@ fn object(stage: &mut Stage, views: u32) -> Result<()> {
     let target = DVec3::new(0.0, 0.0, 0.25);
     stage.stands.extend((0..views).map(|index| {
         let azimuth = step * f64::from(index);
-        let direction = DVec3::new(azimuth.cos(), azimuth.sin(), 0.7).normalize();
+        let direction = DVec3::new(cos(azimuth), sin(azimuth), 0.7).normalize();
         Stand {
             eye: target + 2.5 * direction,
             target,

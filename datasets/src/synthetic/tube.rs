@@ -3,6 +3,7 @@
 use super::random::Random;
 use super::surface::{Patch, Ray, Sample, Surface, cells, jittered_grid};
 use glam::{DVec2, DVec3};
+use libm::{cos, hypot};
 use std::f64::consts::{PI, TAU};
 
 /// Cells around the tessellated tube.
@@ -55,7 +56,7 @@ impl Surface for Tube {
         let offset = point - self.foot;
         let aside = offset.truncate().length() - self.radius;
         let beyond = offset.z - offset.z.clamp(0.0, self.height);
-        aside.hypot(beyond)
+        hypot(aside, beyond)
     }
 
     fn sample(&self, spacing: f64, random: &mut Random) -> Vec<Sample> {
@@ -86,7 +87,7 @@ impl Surface for Tube {
 
     fn patch(&self) -> Patch {
         let mut patch = Patch::grid(AROUND, 1, |uv| self.point(uv));
-        patch.deviation = self.radius * (1.0 - (PI / f64::from(AROUND)).cos());
+        patch.deviation = self.radius * (1.0 - cos(PI / f64::from(AROUND)));
         patch
     }
 }
