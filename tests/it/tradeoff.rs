@@ -145,6 +145,30 @@ fn every_stage_is_held_against_its_exact_setting() {
     assert_eq!(svg.matches("<circle").count(), rows.len());
     let sentences = fs::read_to_string(at("tradeoff/tradeoff.md")).unwrap();
     assert!(sentences.contains("- score, queries: 1/2: "), "{sentences}");
+    let small = mvs_eval(&[
+        "tradeoff",
+        "--mesh",
+        &demo("input/mesh.obj"),
+        "--cameras",
+        &demo("input/cams"),
+        "--size",
+        "64x48",
+        "--views",
+        "1",
+        "--repeats",
+        "1",
+        "--out",
+        text(&at("small")),
+    ]);
+    assert!(small.status.success(), "{}", stderr(&small));
+    let small = rows_of(&fs::read_to_string(at("small/tradeoff.csv")).unwrap());
+    let of_one_sample = |rows: &Rows| {
+        let of_one =
+            |row: &&BTreeMap<String, String>| row["knob"] == "samples" && row["setting"] == "1";
+        rows.iter().find(of_one).unwrap()["value"].clone()
+    };
+    let values = [&small, &rows].map(of_one_sample);
+    assert_ne!(values[0], values[1], "images of another size");
 }
 
 #[test]

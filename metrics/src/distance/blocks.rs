@@ -250,6 +250,11 @@ impl BlockIndex {
         self.search(&queries.points, f64::INFINITY)
     }
 
+    /// As [`BlockIndex::distances_from`], bounded as by [`BlockIndex::distances_below`].
+    pub fn distances_from_below(&self, queries: &Self, bound: f64) -> Vec<f64> {
+        self.search(&queries.points, bound)
+    }
+
     fn search(&self, queries: &Packed, bound: f64) -> Vec<f64> {
         self.search_by(Registers::widest(), queries, bound)
     }
@@ -397,6 +402,14 @@ mod tests {
         assert_eq!(index.distances(queries), expected, "{place}");
         let bound = expected[expected.len() / 2];
         let below = index.distances_below(queries, bound);
+        if queries.iter().all(|query| query.is_finite()) {
+            let queries = BlockIndex::new(queries).unwrap();
+            assert_eq!(
+                index.distances_from_below(&queries, bound),
+                below,
+                "{place}"
+            );
+        }
         for (below, expected) in below.into_iter().zip(expected) {
             let wanted = if expected < bound {
                 expected

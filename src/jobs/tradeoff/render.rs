@@ -18,7 +18,10 @@ fn read(job: &TradeoffJob, context: &Context<'_>) -> Result<Option<(Vec<View>, L
         return Ok(None);
     };
     let camera = CameraOptions::default();
-    let scene = cameras::read(path, (job.pixel_center, &camera), job.size, context)?;
+    let mut scene = cameras::read(path, (job.pixel_center, &camera), job.size, context)?;
+    if let Some(size) = job.size {
+        scene = cameras::fitted(scene, size)?;
+    }
     let views = picked(scene.views(), job.views).cloned().collect();
     let loaded = read_mesh(&job.mesh, &MeshOptions::default(), context)?;
     Ok(Some((views, loaded)))

@@ -4,9 +4,10 @@
 use super::TradeoffJob;
 use super::clock;
 use super::rows::{Measured, Row, rows};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::jobs::Context;
 use crate::jobs::score::{read_reconstruction, read_truth};
+use crate::score::evaluation::Judged;
 use crate::score::plain::{self, Preparation};
 use crate::score::points::{FinitePoints, prism};
 use crate::score::tnt;
@@ -149,62 +150,72 @@ impl Pair {
             let evaluation = plain::evaluate(reconstruction, self.motion, truth, &preparation)?;
             return Ok((evaluation.score(self.tolerance), None));
         }
+        let truth = preparation.apply_to_truth(&self.truth)?.points;
+        let reconstruction = preparation.apply(&self.reconstruction, self.motion)?.points;
         let order = setting.voxel.map_or(Order::Any, |_| Order::Spatial);
-        let mut truth = preparation.apply_to_truth(&self.truth)?.points.to_vec();
-        let reconstruction = preparation.apply(&self.reconstruction, self.motion)?;
-        let mut reconstruction = reconstruction.points.to_vec();
         if setting.rounding != Rounding::None {
-            let center = match (setting.rounding, truth.first()) {
-                (Rounding::Recentred, Some(&first)) => first,
-                _ => DVec3::ZERO,
-            };
-            for points in [&mut truth, &mut reconstruction] {
-                points
-                    .iter_mut()
-                    .for_each(|point| *point = (*point - center).as_vec3().as_dvec3());
-            }
-        }
-        if all {
-            let [a, b] = distance::both_ways_in(order, [reconstruction, truth])?;
+            let lists = rounded([reconstruction.to_vec(), truth.to_vec()], setting.rounding);
+            let [a, b] = distance::both_ways_in(order, lists)?;
             return Ok((Score::from_distances(&a.1, &b.1, self.tolerance), None));
         }
+        let totals = (reconstruction.len(), truth.len());
+        let (reconstruction, truth) = (indexed(reconstruction, order)?, indexed(truth, order)?);
         // Two draws: the same indices of both clouds would err together, and the interval takes them
         // as independent.
         let seed = seed.wrapping_mul(2);
-        let asked = |points: &[DVec3], draw: u64| sample(points, setting.every, seed ^ draw);
-        let ask = |queries: &[DVec3], cloud: &[DVec3]| -> Result<Vec<f64>> {
-            if cloud.is_empty() {
-                return Ok(vec![f64::INFINITY; queries.len()]);
-            }
-            let index = BlockIndex::of(&listed(cloud, order))?;
-            if bound.is_finite() {
-                return Ok(index.distances_below(queries, bound));
-            }
-            if queries.is_empty() {
+        let ask = |queries: &Option<BlockIndex>, cloud: &Option<BlockIndex>, draw: u64| {
+            let drawn = match (setting.every, queries) {
+                (2.., Some(all)) => {
+                    let points = all.pieces().flatten();
+                    let sampled = sample(points, setting.every, seed ^ draw);
+                    Some(indexed(Judged::Listed(sampled), order)?)
+                }
+                _ => None,
+            };
+            let Some(queries) = drawn.as_ref().unwrap_or(queries) else {
                 return Ok(Vec::new());
-            }
-            // Queries keep the order of their cloud.
-            Ok(index.distances_from(&BlockIndex::of(&listed(queries, order))?))
+            };
+            let nowhere = || vec![f64::INFINITY; queries.len()];
+            let found = cloud
+                .as_ref()
+                .map(|cloud| cloud.distances_from_below(queries, bound));
+            Ok::<_, Error>(found.unwrap_or_else(nowhere))
         };
-        let from_reconstruction = ask(&asked(&reconstruction, 0), &truth)?;
-        let from_truth = ask(&asked(&truth, 1), &reconstruction)?;
+        let from_reconstruction = ask(&reconstruction, &truth, 0)?;
+        let from_truth = ask(&truth, &reconstruction, 1)?;
         let score = Score::from_distances(&from_reconstruction, &from_truth, self.tolerance);
-        let totals = (reconstruction.len(), truth.len());
         let width = (setting.every > 1).then(|| half_width(&score, totals));
         Ok((score, width))
     }
 }
 
-/// About one point in `every`, by a hash of its index: near any place the same share.
-fn sample(points: &[DVec3], every: u64, seed: u64) -> Vec<DVec3> {
-    if every <= 1 {
-        return points.to_vec();
+/// What is searched, and queries that keep the order they have; `None` without points.
+fn indexed(points: Judged, order: Order) -> Result<Option<BlockIndex>> {
+    Ok(match points {
+        Judged::Indexed(index) => Some(index),
+        Judged::Listed(points) if points.is_empty() => None,
+        Judged::Listed(points) => Some(BlockIndex::of(&listed(&points, order))?),
+    })
+}
+
+/// The reconstruction and the truth as f32, counted from the truth's first point or as they are.
+fn rounded(mut lists: [Vec<DVec3>; 2], rounding: Rounding) -> [Vec<DVec3>; 2] {
+    let center = match (rounding, lists[1].first()) {
+        (Rounding::Recentred, Some(&first)) => first,
+        _ => DVec3::ZERO,
+    };
+    for point in lists.iter_mut().flatten() {
+        *point = (*point - center).as_vec3().as_dvec3();
     }
+    lists
+}
+
+/// About one point in `every`, by a hash of its index: near any place the same share.
+fn sample(points: impl Iterator<Item = DVec3>, every: u64, seed: u64) -> Vec<DVec3> {
     let chosen = points
-        .iter()
         .enumerate()
         .filter(|(index, _)| mixed(*index as u64 ^ seed.rotate_left(32)).is_multiple_of(every));
-    chosen.map(|(_, &point)| point).collect()
+    chosen.map(|(_, point)| point).collect()
 }
 
 /// SplitMix64's finaliser (Steele, Lea and Flood 2014).
@@ -295,11 +306,13 @@ mod tests {
     #[test]
     fn bounded_searches_give_the_same_score() {
         let pair = pair();
-        let (exact, none) = pair.score(&plain(EXACT), 0).unwrap();
-        assert!(none.is_none() && (0.5..0.8).contains(&exact.precision()));
-        for bound in [1.0, 5.0] {
-            let (bounded, _) = pair.score(&plain(Setting { bound, ..EXACT }), 0).unwrap();
-            assert_eq!(bounded, exact);
+        for exact in [EXACT, plain(EXACT)] {
+            let (score, none) = pair.score(&exact, 0).unwrap();
+            assert!(none.is_none() && (0.5..0.8).contains(&score.precision()));
+            for bound in [1.0, 5.0] {
+                let (bounded, _) = pair.score(&Setting { bound, ..exact }, 0).unwrap();
+                assert_eq!(bounded, score);
+            }
         }
     }
 
