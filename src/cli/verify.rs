@@ -25,7 +25,7 @@ pub(crate) struct VerifyArgs {
 #[derive(Debug, Args, Serialize)]
 struct VerifyFlags {
     /// The pixel centre of the intrinsics; by default what scene.json says, else half
-    #[arg(long = "pixel-center", value_enum)]
+    #[arg(long = "pixel-center", value_enum, value_name = "PIXEL_CENTER")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pixel_centre: Option<Centre>,
     /// Points per view that are carried into its source views (default 2000, at least 200)

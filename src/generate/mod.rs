@@ -35,7 +35,7 @@ pub use shard::Part;
 pub use sparse::sparse_sources;
 
 use crate::blend::BlendOptions;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::render::RenderOptions;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use serde::{Deserialize, Serialize};
@@ -69,6 +69,9 @@ pub enum Extra {
     Colmap,
 }
 
+/// Most source views per view that readers of a data set make room for.
+pub(crate) const MOST_SOURCES: usize = 10;
+
 /// How a scene is generated. The default is what the BlendedMVS paper and its set do, with the
 /// `normalized` blend and the cameras' own image sizes: the set's are 2048 × 1536 and 768 × 576. Some
 /// readers want all views of one size, and that of shape 4:3; a scene of another kind has a warning.
@@ -84,6 +87,7 @@ pub struct GenerateOptions {
     /// The range is made longer by this fraction of its length at either end.
     pub range_margin: f64,
     /// The pixel centre that the written intrinsics are for.
+    #[serde(alias = "pixel_center")]
     pub pixel_centre: PixelCentre,
     /// JPEG quality, 1 to 100.
     pub jpeg_quality: u8,
@@ -107,6 +111,14 @@ impl GenerateOptions {
     pub(crate) fn check(&self) -> Result<()> {
         view::check_jpeg_quality(self.jpeg_quality)?;
         self.render.check()?;
+        if self.pairs.sources > MOST_SOURCES {
+            let problem = format!(
+                "expected at most {MOST_SOURCES} source views per view, as readers of the data set make room for, \
+                 found {}: `pairs` writes longer lists",
+                self.pairs.sources
+            );
+            return Err(Error::invalid("view selection", problem));
+        }
         range::check_margin(self.range_margin)
     }
 }

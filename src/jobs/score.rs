@@ -134,9 +134,9 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     Ok(document)
 }
 
-/// The unit of a protocol's distances.
-pub(super) fn unit_of(protocol: Protocol) -> &'static str {
-    row::unit_of(protocol)
+/// The unit of a scene's distances.
+pub(super) fn unit_of(protocol: Protocol, scene: &str) -> &'static str {
+    row::unit_of(protocol, scene)
 }
 
 /// The part of a protocol's benchmark that a scene is of; empty where it is not known.

@@ -269,7 +269,7 @@ fn reported(
                 split: score::split_of(Protocol::Tnt, &scene).into(),
                 scene: scene.clone(),
                 threshold: tau.or_else(|| known_tolerance(&scene)),
-                unit: score::unit_of(Protocol::Tnt).into(),
+                unit: score::unit_of(Protocol::Tnt, &scene).into(),
                 seed: Some(job.seed),
                 status: status.clone(),
                 tool_version: VERSION.into(),

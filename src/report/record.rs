@@ -73,7 +73,7 @@ const COLUMNS: [&str; 43] = [
 pub struct Record {
     /// Version of the columns.
     pub schema: Schema,
-    /// The procedure that turned distances into scores: `tnt`, `plain`, `eth3d`, `dtu`.
+    /// The procedure that turned distances into scores: `tnt`, `plain`; records from elsewhere name others.
     pub protocol: String,
     /// The named variant of the protocol: `official`, `strict`; of plain scores of thinned clouds `voxel`
     /// and the voxels' edge.

@@ -1,7 +1,7 @@
 //! Which camera of the reconstruction is which camera of the reference, and how the two
 //! trajectories lie on each other.
 
-use super::tnt::Profile;
+use super::tnt::{Profile, scale_of};
 use crate::error::{Error, Result};
 use glam::{DMat4, DVec3};
 use mvs_datasets::format::log::{LogPose, Mapping};
@@ -246,10 +246,6 @@ pub fn fit(
 
 fn sides(matches: &[Match]) -> (Vec<DVec3>, Vec<DVec3>) {
     matches.iter().map(|m| (m.given, m.reference)).unzip()
-}
-
-fn scale_of(motion: DMat4) -> f64 {
-    glam::DMat3::from_mat4(motion).determinant().cbrt()
 }
 
 /// The median ratio of distances between cameras half a trajectory apart: a scale that no single

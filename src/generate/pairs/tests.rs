@@ -1,6 +1,7 @@
 //! Source views of cameras before walls, where sight and angle have closed forms.
 
 use super::*;
+use crate::generate::GenerateOptions;
 use crate::progress::Silent;
 use mvs_datasets::scene::{Camera, Pose};
 
@@ -210,4 +211,18 @@ fn a_surface_that_the_grid_misses_is_seen() {
     let renderer = Renderer::new(&turned).unwrap();
     let look = (&few, BackFaces::Invalid);
     assert!(!sees_surface((&renderer, &turned), &views[0], look));
+}
+
+#[test]
+fn a_data_set_has_no_more_sources_than_its_readers_take() {
+    let with = |sources| GenerateOptions {
+        pairs: PairOptions {
+            sources,
+            ..PairOptions::default()
+        },
+        ..GenerateOptions::default()
+    };
+    assert!(with(10).check().is_ok());
+    let message = with(11).check().unwrap_err().to_string();
+    assert!(message.contains("at most 10 source views") && message.contains("found 11"));
 }

@@ -77,7 +77,7 @@ impl Finding {
 #[serde(deny_unknown_fields, default)]
 pub struct VerifyOptions {
     /// The pixel centre of the intrinsics; without it what `scene.json` says, else (0.5, 0.5).
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(alias = "pixel_center", skip_serializing_if = "Option::is_none")]
     pub pixel_centre: Option<PixelCentre>,
     /// Points per view that are carried into its source views, at least 200.
     pub points: u32,

@@ -1,11 +1,9 @@
 //! The rules of the strictest public readers on `pair.txt`.
 
 use super::Finding;
+use crate::generate::MOST_SOURCES;
 use mvs_datasets::layout::mvsnet::file_name;
 use std::collections::{BTreeMap, BTreeSet};
-
-/// Most source views that readers make room for.
-const MOST_SOURCES: usize = 10;
 
 /// `pair.txt` by letter: readers split on single spaces and count lines.
 pub(super) fn check(text: &str, cams: &BTreeSet<u32>, findings: &mut Vec<Finding>) {

@@ -56,7 +56,7 @@ impl<'a> Scored<'a> {
             distances,
         };
         Ok(Self {
-            unit: crate::jobs::score::unit_of(document.protocol),
+            unit: crate::jobs::score::unit_of(document.protocol, &document.scene),
             reconstruction: side("precision", reconstruction),
             truth: side("recall", truth),
             document,
@@ -156,7 +156,7 @@ fn facts(folder: &Path, document: &ScoreDocument) -> (String, String) {
         folder.display(),
         document.protocol,
         document.tolerance,
-        crate::jobs::score::unit_of(document.protocol),
+        crate::jobs::score::unit_of(document.protocol, &document.scene),
         document.seed
     );
     (format!("{}, {}", document.scene, document.method), facts)

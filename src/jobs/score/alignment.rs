@@ -2,7 +2,7 @@
 
 use crate::score::cameras::{CameraFit, MatchedBy};
 use crate::score::refine::Stage;
-use crate::score::tnt::{Motion, Profile};
+use crate::score::tnt::{Motion, Profile, scale_of};
 use glam::DMat4;
 use serde::{Deserialize, Serialize};
 
@@ -175,11 +175,6 @@ impl StageReport {
 /// A matrix as rows.
 fn rows_of(matrix: DMat4) -> [[f64; 4]; 4] {
     matrix.transpose().to_cols_array_2d()
-}
-
-/// The scale of a similarity.
-fn scale_of(matrix: DMat4) -> f64 {
-    glam::DMat3::from_mat4(matrix).determinant().cbrt()
 }
 
 #[cfg(test)]

@@ -125,7 +125,7 @@ fn write_plot(
         title: &title,
         tau: document.tolerance,
         at_tau: (document.precision, document.recall),
-        unit: row::unit_of(document.protocol),
+        unit: row::unit_of(document.protocol, &document.scene),
         distances: &precision.edges()[1..],
         precision: &precision.fractions(),
         recall: &recall.fractions(),

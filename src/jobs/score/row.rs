@@ -35,7 +35,7 @@ fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
         split: split_of(document.protocol, &document.scene).into(),
         scene: document.scene.clone(),
         threshold: Some(at.tolerance),
-        unit: unit_of(document.protocol).into(),
+        unit: unit_of(document.protocol, &document.scene).into(),
         precision: Some(at.precision),
         recall: Some(at.recall),
         fscore: Some(at.f_score),
@@ -72,11 +72,11 @@ fn record(document: &ScoreDocument, at: &AtTolerance) -> Record {
     }
 }
 
-/// Tanks and Temples is in metres; other truths are in whatever unit they came in.
-pub(super) fn unit_of(protocol: Protocol) -> &'static str {
+/// The scenes of Tanks and Temples are in metres; other truths are in whatever unit they came in.
+pub(super) fn unit_of(protocol: Protocol, scene: &str) -> &'static str {
     match protocol {
-        Protocol::Tnt => "m",
-        Protocol::Plain => "world",
+        Protocol::Tnt if known_tolerance(scene).is_some() => "m",
+        Protocol::Tnt | Protocol::Plain => "world",
     }
 }
 
