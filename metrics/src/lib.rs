@@ -1,6 +1,7 @@
 //! What a number means: functions of positions, depths and tolerances, on plain slices.
 //!
 //! This crate never sees a file, a camera or a data set; see `ARCHITECTURE.md`.
+#![cfg_attr(test, allow(clippy::too_many_lines, reason = "a test tells one story"))]
 
 pub mod align;
 pub mod crop;

@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 /// that the records lie in the curves, error histograms and clouds to turn in 3-D), results.csv (all
 /// records in long form) and leaderboard.csv, .md and .tex in the style of
 /// the benchmark's site, leaderboard_paper.csv, .md and .tex in the style of papers. Records of
-/// different protocols, profiles or thresholds never share a table. A score whose gates failed, or which is
-/// against another truth, in another crop or with another sampling of meshes than most of its scene, is
-/// shown with a † and takes no part in ranks and means.
+/// different protocols or profiles, or of different thresholds of one scene, never share a table. A score
+/// whose gates failed, or which is against another truth, in another crop or with another sampling of meshes
+/// than most of its scene, is shown with a † and takes no part in ranks and means.
 ///
 /// With --check, instead, recomputes the F-scores and averages of a published table (CSV with the
 /// columns method, metric, one per scene, Average), lists what does not follow from its own numbers,

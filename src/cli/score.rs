@@ -15,7 +15,8 @@ use std::path::PathBuf;
 ///
 /// Writes score.json, scores.csv, the judged clouds coloured by error (<Scene>.precision.ply and
 /// .recall.ply, with the distance as scalar `error`), the cumulative curves up to 5 τ
-/// (<Scene>.precision.txt and .recall.txt) and the summary <Scene>.prf_tau_plotstr.txt.
+/// (<Scene>.precision.txt and .recall.txt), their picture (PR_<Scene>_@d_th_*.png and .svg) and the
+/// summary <Scene>.prf_tau_plotstr.txt.
 ///
 /// With tnt, gates look for misalignment: a shifted or wrong log, a wrong transform, wrong units, a
 /// collapsed scale. A failed gate names its cause on stderr and in score.json; the exit code is then 1.

@@ -138,7 +138,7 @@ const fn rule(scope: &'static str, forbidden: &'static [&'static str]) -> Rule {
 /// The parts of `source` that count: no comments, nothing after the first line of unit tests.
 fn code_of(source: &str) -> String {
     let tests = source
-        .find("#[cfg(test)]\nmod tests")
+        .find("#[cfg(test)]\nmod tests {")
         .unwrap_or(source.len());
     let lines = source[..tests].lines();
     lines

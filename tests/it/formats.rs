@@ -216,8 +216,9 @@ fn the_toolbox_s_trajectories_read_right() {
 
 #[test]
 fn a_real_scoring_pair_opens_under_its_own_name_only() {
-    let Some(data) = real_data("") else { return };
-    let folder = data.join("pair_saharov");
+    let Some(folder) = real_data("pair_saharov") else {
+        return;
+    };
     let error = tnt::TntFolder::open(&folder, None).unwrap_err().to_string();
     assert!(error.contains("holds the files of `saharov`"), "{error}");
     let scene = tnt::TntFolder::open(&folder, Some("saharov")).unwrap();
@@ -232,8 +233,9 @@ fn a_real_scoring_pair_opens_under_its_own_name_only() {
 
 #[test]
 fn a_real_camera_folder_reads_right() {
-    let Some(data) = real_data("") else { return };
-    let folder = data.join("scene_saharov");
+    let Some(folder) = real_data("scene_saharov") else {
+        return;
+    };
     let options = CamsOptions {
         pixel_centre: PixelCentre::Integer,
         size: None,

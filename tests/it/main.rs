@@ -4,7 +4,8 @@
     clippy::expect_used,
     clippy::panic,
     clippy::print_stderr,
-    reason = "helpers of tests may fail like tests"
+    clippy::too_many_lines,
+    reason = "helpers of tests may fail like tests, and a test tells one story"
 )]
 
 mod architecture;
