@@ -54,7 +54,8 @@ pub(crate) enum Centre {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "General options")]
 pub(crate) struct Global {
-    /// Worker threads; all cores when not given. Results do not depend on it.
+    /// Worker threads; when not given, RAYON_NUM_THREADS, else all cores that the process may run on. Results do
+    /// not depend on it.
     #[arg(long, global = true, default_value_t = 0, hide_default_value = true, value_parser = threads)]
     pub(crate) threads: usize,
     /// Replace an existing result.

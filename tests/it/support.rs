@@ -20,10 +20,15 @@ pub(crate) fn real_data(name: &str) -> Option<PathBuf> {
     }
     let path = path.display();
     assert!(given.is_none(), "MVS_EVAL_DATA: {path} is not there");
-    // Not by a macro: what those print in a test that passes is not shown.
-    let line = "is not there; MVS_EVAL_DATA can name the folder with real data";
-    writeln!(std::io::stderr(), "skipped: {path} {line}").expect("stderr is open");
+    say_skipped(&format!(
+        "{path} is not there; MVS_EVAL_DATA can name the folder with real data"
+    ));
     None
+}
+
+/// Says why a test is skipped. Not by a macro: what those print in a test that passes is not shown.
+pub(crate) fn say_skipped(why: &str) {
+    writeln!(std::io::stderr(), "skipped: {why}").expect("stderr is open");
 }
 
 /// Runs `mvs-eval` with these arguments.

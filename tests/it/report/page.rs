@@ -1,7 +1,7 @@
 //! The page: what it is made of, and in a browser.
 
 use super::*;
-use crate::support::{mvs_eval, stderr, text as arg};
+use crate::support::{mvs_eval, say_skipped, stderr, text as arg};
 use glam::DVec3;
 use mvs_datasets::layout::files::write_atomically;
 use mvs_datasets::synthetic::{DepthNoise, SyntheticOptions, SyntheticScene};
@@ -120,7 +120,7 @@ fn browser() -> Option<PathBuf> {
 /// have run, and what they wrote to the console. `None` where there is no browser.
 fn opened(name: &str, page: &str) -> Option<(String, String)> {
     let Some(chromium) = browser() else {
-        eprintln!("skipped: no chromium on PATH, and MVS_EVAL_CHROMIUM names no browser");
+        say_skipped("no chromium on PATH, and MVS_EVAL_CHROMIUM names no browser");
         return None;
     };
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);

@@ -229,7 +229,7 @@ fn what_a_batch_cannot_take_apart_is_named() {
     assert_eq!(status[2], "ok", "the readme beside it is no transform");
     assert!(
         rows.iter()
-            .all(|row| row.threshold == Some(0.05) && row.unit == "m")
+            .all(|row| row.threshold == Some(0.05) && row.unit == "world")
     );
     let hashes = read(&out, "run.toml");
     for name in [
