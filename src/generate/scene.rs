@@ -1,6 +1,7 @@
 //! A scene as a whole: which views belong into it, their sources, and what stands beside them.
 
 use super::choice::{Plan, fitted_to, plan_scene};
+use super::likeness::warning_of_unlike;
 use super::shard::Part;
 use super::view::ViewWork;
 use super::{Extra, GenerateOptions, Photographs, leftovers, plan};
@@ -319,6 +320,10 @@ fn of_records(records: &[ViewRecord]) -> Vec<(String, String)> {
     let backs = records.iter().map(|record| record.back_faces).sum();
     let fronts = records.iter().map(|record| record.surface).sum();
     all.extend(of_back_faces(backs, fronts).map(|warning| (warning.code, warning.message)));
+    let likeness = records
+        .iter()
+        .map(|r| (format!("view {}", r.id), r.likeness));
+    all.extend(warning_of_unlike(likeness).map(|warning| (warning.code, warning.message)));
     let sizes: BTreeSet<(u32, u32)> = records.iter().map(|record| record.size).collect();
     let texts = sizes
         .iter()

@@ -1,5 +1,6 @@
 //! One view: render, blend, write, and remember what was written.
 
+use super::likeness;
 use super::masked;
 use super::order::{self, Extent};
 use super::plan;
@@ -41,6 +42,8 @@ struct Images {
     beyond: usize,
     rendering: Rendering,
     mask: Mask,
+    /// As [`likeness::likeness`].
+    likeness: Option<f64>,
     blended: ColorImage,
 }
 
@@ -109,6 +112,7 @@ impl ViewWork<'_> {
             None => blend::blend(&rendering.color, &photograph, &mask, &self.options.blend)?,
         };
         Ok(Images {
+            likeness: likeness::likeness(&rendering.color, &photograph, &mask),
             photograph,
             beyond,
             rendering,
@@ -196,6 +200,7 @@ impl ViewWork<'_> {
             surface: extent.count,
             kept_by_readers: kept,
             back_faces: rendering.count(Sight::BackFace),
+            likeness: images.likeness,
             masked_jpeg,
             files: hashes(folder.path(), &written)?,
             warnings: (warning.into_iter())

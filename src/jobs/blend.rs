@@ -9,7 +9,7 @@ use crate::parallel;
 use crate::provenance::Run;
 use mvs_datasets::format::image::JpegOptions;
 use mvs_datasets::layout::blended::record::read_json;
-use mvs_datasets::layout::files;
+use mvs_datasets::layout::{blended, files};
 use mvs_datasets::scene::{ColorImage, Mask};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -51,6 +51,9 @@ pub struct BlendedImage {
     pub resized: bool,
     /// Whether it had another shape too and lost what lies beyond.
     pub cut: bool,
+    /// How like the photograph is to the rendering, -1 to 1: the mean over tiles of the correlation of their
+    /// brightness; none where the rendering shows too little texture.
+    pub likeness: Option<f64>,
     /// Mean absolute difference of rendering and photograph on the surface, in grey levels.
     pub difference_before: f64,
     /// The same of blended image and photograph.
@@ -106,6 +109,10 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
             first.name
         );
         context.warnings.add("photograph-cut", message);
+    }
+    let likeness = images.iter().map(|image| (&image.name, image.likeness));
+    if let Some(warning) = generate::warning_of_unlike(likeness) {
+        context.warnings.add(&warning.code, warning.message);
     }
     warn_of_empty(&images, job, context)?;
     out.finish()?;
@@ -193,14 +200,14 @@ fn find_inputs(job: &BlendJob) -> Result<Vec<Input>> {
     renderings.into_iter().map(pair).collect()
 }
 
-/// The images of a folder by name without ending.
+/// The images of a folder by name without ending, but for hidden files.
 fn images_in(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
     let io = |action| mvs_datasets::Error::io(folder, action);
     let mut images = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(io("read the folder"))? {
         let path = entry.map_err(io("read the folder"))?.path();
-        let ending = path.extension().map(|e| e.to_ascii_lowercase());
-        let is_image = ending.is_some_and(|e| e == "jpg" || e == "jpeg" || e == "png");
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let is_image = blended::is_image(&name);
         if let (true, Some(stem)) = (is_image, path.file_stem()) {
             let stem = stem.to_string_lossy().into_owned();
             if let Some(other) = images.insert(stem.clone(), path.clone()) {
@@ -255,6 +262,7 @@ fn blend_one(input: &Input, job: &BlendJob, out: &OutDir) -> Result<BlendedImage
         surface: mask.values().iter().filter(|&&inside| inside).count(),
         resized: taken != size,
         cut: !same_shape(taken, size),
+        likeness: generate::likeness(&rendering, &fitted, &mask),
         difference_before: mean_difference(&rendering, &fitted, &mask),
         difference_after: mean_difference(&blended, &fitted, &mask),
     })

@@ -146,3 +146,16 @@ fn photographs_are_those_of_the_images_that_were_rendered() {
     put_png(&path("photos/b/left.png"), &flat(90));
     assert_eq!(differences(), [expected[1], expected[0]]);
 }
+
+#[test]
+fn hidden_files_are_no_images() {
+    let folder = tempfile::tempdir().unwrap();
+    for place in ["rendered", "photos"] {
+        put_png(&folder.path().join(place).join("a.png"), &rendering(true));
+        write(&folder.path().join(place).join("._a.png"), [0, 5, 22, 7]);
+    }
+    let output = blend(folder.path());
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["images"].as_array().unwrap().len(), 1);
+}

@@ -2,6 +2,7 @@
 
 mod failures;
 mod lens;
+mod photographs;
 mod sizes;
 mod sources;
 

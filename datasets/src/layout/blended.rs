@@ -308,12 +308,15 @@ pub fn names_in(folder: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// Whether the name is that of an image that can be read.
+/// Whether the name is that of an image that can be read; a hidden file (`._name`, which macOS keeps beside a file in
+/// archives) is none.
 pub fn is_image(name: &str) -> bool {
     let lower = name.to_ascii_lowercase();
-    [".jpg", ".jpeg", ".png"]
-        .iter()
-        .any(|end| lower.ends_with(end))
+    let hidden = name.starts_with('.');
+    !hidden
+        && [".jpg", ".jpeg", ".png"]
+            .iter()
+            .any(|end| lower.ends_with(end))
 }
 
 #[cfg(test)]

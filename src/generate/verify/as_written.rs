@@ -1,11 +1,14 @@
 //! Whether the files of views are those that `scene.json` says were made.
 
 use super::Finding;
+use crate::generate::likeness;
 use crate::parallel;
 use crate::provenance;
-use mvs_datasets::layout::blended::{BlendedFolder, record};
+use mvs_datasets::layout::blended::BlendedFolder;
+use mvs_datasets::layout::blended::record::{self, SceneFile};
 
-/// One fault for all files that are gone, and one for all with other bytes; an error where `scene.json` cannot
+/// One fault for all files that are gone, one for all with other bytes, and one for each view whose photograph
+/// was found not to match its rendering; an error where `scene.json` cannot
 /// be read.
 pub(super) fn check(folder: &BlendedFolder) -> Result<Vec<Finding>, mvs_datasets::Error> {
     let Some(record) = record::read(&folder.record())? else {
@@ -33,7 +36,32 @@ pub(super) fn check(folder: &BlendedFolder) -> Result<Vec<Finding>, mvs_datasets
         "found other bytes: they were damaged or changed; make the scene again, or take scene.json away \
          where that was meant",
     );
-    Ok(gone.into_iter().chain(other).collect())
+    Ok(gone
+        .into_iter()
+        .chain(other)
+        .chain(unlike(&record))
+        .collect())
+}
+
+/// A fault for each view whose photograph did not match when the scene was made: images, which are made from
+/// both, cannot show it afterwards.
+fn unlike(record: &SceneFile) -> Vec<Finding> {
+    let views = record.views.iter();
+    let unlike = views.filter_map(|view| {
+        let found = view
+            .likeness
+            .filter(|_| likeness::is_unlike(view.likeness))?;
+        let message = format!(
+            "expected a photograph that shows what the rendering shows, found another: {}",
+            likeness::explained(found)
+        );
+        Some(Finding::fault(
+            likeness::CODE,
+            format!("view {}", view.id),
+            message,
+        ))
+    });
+    unlike.collect()
 }
 
 /// A fault at the first of these files, if there is any.

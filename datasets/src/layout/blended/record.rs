@@ -55,6 +55,10 @@ pub struct ViewRecord {
     /// Pixels that show the back of a triangle, which is no surface unless asked for.
     #[serde(default)]
     pub back_faces: usize,
+    /// How like the photograph is to the rendering, -1 to 1: the mean over tiles of the correlation of their
+    /// brightness; none where the rendering shows too little texture, and in scenes made before it was kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub likeness: Option<f64>,
     /// How the masked image was encoded, where the asked way left its background too bright.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masked_jpeg: Option<Encoding>,
