@@ -29,10 +29,9 @@ pub trait Photographs: Sync {
 }
 
 /// Photographs in a folder: the file of the view's name; else one of that name with another ending, or, where
-/// the name has no image's ending, with one after it; else the same without the name's folder, or of the view's
-/// eight-digit id. For views whose name has a
-/// folder the last two are looked for only where no view's photograph lies in such a folder, so that none
-/// is taken from another's.
+/// the name has no image's ending, with one after it; else the same without the name's folder, which is looked for
+/// only where no view's photograph lies in such a folder, so that none is taken from another's. Where no view's
+/// photograph has its name, and for views without a name, the file of the view's eight-digit id.
 #[derive(Debug, Clone)]
 pub struct PhotoFolder {
     paths: BTreeMap<u32, PathBuf>,
@@ -40,7 +39,9 @@ pub struct PhotoFolder {
     doubtful: Vec<(PathBuf, PathBuf)>,
 }
 
-const ENDINGS: [&str; 6] = ["jpg", "jpeg", "JPG", "JPEG", "png", "PNG"];
+const ENDINGS: [&str; 9] = [
+    "jpg", "jpeg", "JPG", "JPEG", "png", "PNG", "Jpg", "Jpeg", "Png",
+];
 
 /// Those of images that are not read, for which one of the others may lie there.
 const OTHER_ENDINGS: [&str; 6] = ["tif", "tiff", "bmp", "webp", "heic", "exr"];
@@ -52,15 +53,12 @@ impl PhotoFolder {
             let problem = "expected a folder of photographs, found none";
             return Err(mvs_datasets::Error::layout(folder, problem).into());
         }
-        let mut nested = false;
-        for view in views.iter().filter(|view| !folder_of(view).is_empty()) {
-            nested = nested || find(folder, view, true)?.is_some();
-        }
+        let places = Places::of(folder, views)?;
         let (mut paths, mut doubtful) = (BTreeMap::new(), Vec::new());
         let mut owners: BTreeMap<PathBuf, &View> = BTreeMap::new();
         let mut missing = Vec::new();
         for view in views {
-            let Some(path) = find(folder, view, nested)? else {
+            let Some(path) = places.find(folder, view)? else {
                 missing.push(view);
                 continue;
             };
@@ -79,7 +77,7 @@ impl PhotoFolder {
                 "expected a photograph of each view, found none of {} of {} views; the first is {}",
                 missing.len(),
                 views.len(),
-                expected_name(first, nested)
+                places.expected_name(first)
             );
             return Err(mvs_datasets::Error::layout(folder, problem).into());
         }
@@ -122,24 +120,60 @@ impl PhotoFolder {
     }
 }
 
-fn find(folder: &Path, view: &View, nested: bool) -> Result<Option<PathBuf>> {
-    let nested = nested && !folder_of(view).is_empty();
-    if let Some(named) = find_named(folder, &view.name, nested)? {
-        return Ok(Some(named));
+/// Where photographs are looked for.
+struct Places {
+    /// Whether some lie in the folders that are part of their names.
+    nested: bool,
+    /// Whether some have their views' names, so that one with an id for a name is another's or none.
+    named: bool,
+}
+
+impl Places {
+    fn of(folder: &Path, views: &[View]) -> Result<Self> {
+        let (mut nested, mut named) = (false, false);
+        for view in views.iter().filter(|view| !folder_of(view).is_empty()) {
+            nested = nested || find_named(folder, &view.name, true)?.is_some();
+        }
+        for view in views.iter().filter(|view| !view.name.is_empty()) {
+            named = named || find_named(folder, &view.name, nested)?.is_some();
+        }
+        Ok(Self { nested, named })
     }
-    match nested {
-        true => Ok(None),
-        false => with_ending(folder, &format!("{:08}", view.id)),
+
+    fn find(&self, folder: &Path, view: &View) -> Result<Option<PathBuf>> {
+        let nested = self.nested && !folder_of(view).is_empty();
+        match find_named(folder, &view.name, nested)? {
+            None if view.name.is_empty() || !self.named => {
+                with_ending(folder, &format!("{:08}", view.id))
+            }
+            found => Ok(found),
+        }
+    }
+
+    fn expected_name(&self, view: &View) -> String {
+        let id = format!("{:08}.jpg or .png", view.id);
+        match (view.name.as_str(), self.named) {
+            ("", _) => id,
+            (name, true) => {
+                format!("{name} or that with another ending (others are found by name)")
+            }
+            (name, false) => format!("{name} or {id}"),
+        }
     }
 }
 
 /// The photograph of that name; else one of it with another ending, and, where folders are not `nested`, the same
 /// without the name's folder.
 pub(crate) fn find_named(folder: &Path, name: &str, nested: bool) -> Result<Option<PathBuf>> {
-    let named = folder.join(name);
-    if !name.is_empty() && is_file(&named)? {
-        return Ok(Some(named));
+    // Some programs on Windows write `\\` between folders.
+    let slashed = name.replace('\\', "/");
+    for name in [name, &slashed].into_iter().filter(|name| !name.is_empty()) {
+        let named = folder.join(name);
+        if is_file(&named)? {
+            return Ok(Some(named));
+        }
     }
+    let name = slashed.as_str();
     let inner = name.rsplit_once('/').map_or("", |(inner, _)| inner);
     let stems = stems_of(Path::new(name));
     let inside = stems.iter().map(|stem| Path::new(inner).join(stem));
@@ -188,9 +222,10 @@ fn of_another_ending(path: &Path) -> Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// `a` of a view named `a/b.jpg`, else nothing.
+/// `a` of a view named `a/b.jpg` or `a\b.jpg`, else nothing.
 fn folder_of(view: &View) -> &str {
-    view.name.rsplit_once('/').map_or("", |(folder, _)| folder)
+    let split = view.name.rsplit_once(['/', '\\']);
+    split.map_or("", |(folder, _)| folder)
 }
 
 fn is_file(path: &Path) -> Result<bool> {
@@ -219,16 +254,6 @@ fn taken_twice(path: &Path, first: &View, second: &View) -> Error {
         called(second)
     );
     mvs_datasets::Error::layout(path, problem).into()
-}
-
-fn expected_name(view: &View, nested: bool) -> String {
-    if view.name.is_empty() {
-        format!("{:08}.jpg or .png", view.id)
-    } else if nested && !folder_of(view).is_empty() {
-        format!("{} or that with another ending", view.name)
-    } else {
-        format!("{} or {:08}.jpg or .png", view.name, view.id)
-    }
 }
 
 impl Photographs for PhotoFolder {
@@ -406,6 +431,46 @@ mod tests {
         assert!(photos.files().eq(&expected));
     }
 
+    /// Where a view's photograph has its name, one with an id for a name may be anything.
+    #[test]
+    fn ids_are_names_only_where_no_photograph_has_its_view_s_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let views = [view(0, "f1.jpg"), view(1, "f2.jpg"), view(2, "")];
+        for name in ["00000000.jpg", "00000001.jpg", "00000002.jpg"] {
+            touch(&folder.path().join(name));
+        }
+        let photos = PhotoFolder::open(folder.path(), &views).unwrap();
+        assert_eq!(photos.paths[&0], folder.path().join("00000000.jpg"));
+        touch(&folder.path().join("f2.png"));
+        let error = PhotoFolder::open(folder.path(), &views).unwrap_err();
+        let said = error.to_string();
+        assert!(
+            said.contains("1 of 3 views") && said.contains("f1.jpg or that"),
+            "{said}"
+        );
+        touch(&folder.path().join("f1.jpg"));
+        let photos = PhotoFolder::open(folder.path(), &views).unwrap();
+        let expected = ["f1.jpg", "f2.png", "00000002.jpg"].map(|name| folder.path().join(name));
+        assert!(photos.files().eq(&expected), "{:?}", photos.paths);
+    }
+
+    #[test]
+    fn names_with_backslashes_and_endings_in_mixed_letters_are_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let views = [
+            view(0, "left\\a.jpg"),
+            view(1, "right\\a.tif"),
+            view(2, "c.jpg"),
+        ];
+        let names = ["left/a.jpg", "right/a.Png", "c.Jpg"];
+        for name in names {
+            touch(&folder.path().join(name));
+        }
+        let photos = PhotoFolder::open(folder.path(), &views).unwrap();
+        let expected = names.map(|name| folder.path().join(name));
+        assert!(photos.files().eq(&expected), "{:?}", photos.paths);
+    }
+
     #[test]
     fn folders_mean_something_where_photographs_lie_in_them_with_another_ending() {
         let folder = tempfile::tempdir().unwrap();
@@ -422,7 +487,7 @@ mod tests {
             .to_string();
         assert!(error.contains("1 of 3 views"), "{error}");
         assert!(
-            error.ends_with("camB/a.jpg or that with another ending"),
+            error.contains("camB/a.jpg or that with another ending"),
             "{error}"
         );
     }
