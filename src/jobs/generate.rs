@@ -1,7 +1,7 @@
 //! `mvs-eval generate`: mesh + cameras + photographs → a BlendedMVS scene.
 
 use super::cameras::{self, CameraOptions};
-use super::meshes::{MeshOptions, read_mesh};
+use super::meshes::{MeshOptions, read_mesh, warn_of_plain};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -20,7 +20,7 @@ use mvs_datasets::scene::{Scene, SourceScore, View};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Options of `mvs-eval generate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -104,6 +104,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     }
     let sources = chosen_sources(job, scene.views())?;
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
+    warn_of_plain(&loaded.mesh, context);
     let inputs = inputs_of(job, &loaded, &photographs)?;
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     let run = Run::new("generate", job, &Inputs::list(&inputs, &[])?)?;
@@ -266,9 +267,24 @@ pub(super) fn name_of(job: &GenerateJob) -> String {
     let given = job.name.clone();
     given.unwrap_or_else(|| {
         let path = std::path::absolute(&job.photos).unwrap_or_else(|_| job.photos.clone());
+        let path = without_parents(path);
         let named = path.parent().and_then(Path::file_name).or(path.file_name());
         named.map_or_else(String::new, |name| name.to_string_lossy().into_owned())
     })
+}
+
+/// The path with its `..` gone through, so that a folder has one name however it is reached.
+fn without_parents(path: PathBuf) -> PathBuf {
+    let parts: Vec<Component<'_>> = path.components().collect();
+    let last = parts.iter().rposition(|part| *part == Component::ParentDir);
+    let Some(last) = last else {
+        return path;
+    };
+    let (up, rest) = parts.split_at(last + 1);
+    let up: PathBuf = up.iter().collect();
+    up.canonicalize()
+        .unwrap_or(up)
+        .join(rest.iter().collect::<PathBuf>())
 }
 
 pub(super) fn id_of(job: &GenerateJob, name: &str) -> Result<String> {
@@ -293,21 +309,24 @@ fn read_cameras(job: &GenerateJob, context: &Context<'_>) -> Result<Scene> {
         })
     };
     let (scene, photographs) = cameras::read_for(&job.cameras, options, sizes, context)?;
-    warn_of_sizes(scene.views(), &photographs, context);
+    warn_of_sizes(scene.views(), &photographs, job, context);
     Ok(scene)
 }
 
 /// Says so where photographs have another size than their intrinsics are for.
-fn warn_of_sizes(views: &[View], photographs: &[Size], context: &Context<'_>) {
+fn warn_of_sizes(views: &[View], photographs: &[Size], job: &GenerateJob, context: &Context<'_>) {
     let size_of = |view: &View| (view.camera.width(), view.camera.height());
     let differs = |(view, size): &(&View, &Size)| size_of(view) != (size.width, size.height);
     let others = || views.iter().zip(photographs).filter(differs);
     if let Some((view, photograph)) = others().next() {
         let (width, height) = size_of(view);
+        let advice = match job.camera.size {
+            Some(_) => "give another --camera-size",
+            None => "give --camera-size, or correct the size that the camera files state",
+        };
         let message = format!(
             "{} of {} photographs are resized to what their view's intrinsics are taken to be for; the \
-             first is view {}'s, from {photograph} to {width}x{height} pixels: if that is wrong, give \
-             --camera-size, or correct the size that the camera files state",
+             first is view {}'s, from {photograph} to {width}x{height} pixels: if that is wrong, {advice}",
             others().count(),
             views.len(),
             view.id

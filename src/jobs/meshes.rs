@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::parallel;
 use glam::DVec3;
 use mvs_datasets::layout::mesh::{self, LoadedMesh, ReadOptions};
-use mvs_datasets::scene::Mesh;
+use mvs_datasets::scene::{Material, Mesh};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -40,7 +40,56 @@ pub fn read_mesh(
         context.warnings.add("mesh", note.clone());
     }
     check_surface(&loaded.mesh, paths)?;
+    warn_of_far(&loaded.mesh, context);
     Ok(loaded)
+}
+
+/// A mesh that reaches so many times as far as half of it does leaves depths of that half few digits: places are
+/// counted from the middle of all.
+const FAR: f64 = 1e9;
+
+/// Warns of a mesh of which a part lies absurdly far from the rest.
+fn warn_of_far(mesh: &Mesh, context: &Context<'_>) {
+    let count = mesh.triangles().len();
+    let corners = || {
+        let some = (0..count).step_by(count.div_ceil(1000));
+        some.map(|triangle| mesh.corners(triangle)[0])
+    };
+    let middle = |values: &mut Vec<f64>| {
+        values.sort_unstable_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let axis = |k: usize| middle(&mut corners().map(|corner| corner[k]).collect());
+    let center = DVec3::new(axis(0), axis(1), axis(2));
+    let usual = middle(&mut corners().map(|corner| corner.distance(center)).collect());
+    let reach = mesh.bounds().size().length();
+    if usual > 0.0 && reach > FAR * usual {
+        let message = format!(
+            "the mesh reaches over {reach:.1e} units, though half of it lies within {usual:.1e} of its middle, so \
+             that depths there lose digits: take away the vertices that lie far off"
+        );
+        context.warnings.add("mesh-far", message);
+    }
+}
+
+/// Warns of a mesh that has one colour throughout: renderings show nothing but its outline.
+pub(super) fn warn_of_plain(mesh: &Mesh, context: &Context<'_>) {
+    let count = mesh.triangles().len();
+    let materials = (0..count).map(|triangle| mesh.material_of(triangle));
+    let shows = |material: &Material| material.texture.is_some();
+    let first = mesh.material_of(0).color;
+    let painted = mesh
+        .vertex_colors()
+        .is_some_and(|colors| colors.windows(2).any(|two| two[0] != two[1]));
+    if !painted
+        && !materials
+            .clone()
+            .any(|material| shows(material) || material.color != first)
+    {
+        let message = "the mesh has one colour throughout, no textures and no vertex colours: renderings show its \
+                       outline alone, and blended images are blurred photographs; give the textured mesh";
+        context.warnings.add("mesh-without-colors", message);
+    }
 }
 
 /// Refuses a mesh in which nothing is to be seen, as where positions were rounded to few digits.

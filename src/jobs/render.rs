@@ -1,7 +1,7 @@
 //! `mvs-eval render`: mesh + cameras → depth, colour and cams per view.
 
 use super::cameras::{self, CameraOptions};
-use super::meshes::{MeshOptions, read_mesh};
+use super::meshes::{MeshOptions, read_mesh, warn_of_plain};
 use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -12,7 +12,7 @@ use crate::warning::of_back_faces;
 use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::{self, PixelCentre};
-use mvs_datasets::scene::{DepthRange, View};
+use mvs_datasets::scene::{DepthRange, Scene, View};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -116,12 +116,14 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let options = (job.pixel_center, &job.camera);
     let mut scene = cameras::read(&job.cameras, options, job.size, context)?;
     if job.undistort {
+        warn_of_undistorted(&scene, context);
         scene = cameras::without_lenses(scene)?;
     }
     if let Some(size) = job.size {
         scene = cameras::fitted(scene, size)?;
     }
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
+    warn_of_plain(&loaded.mesh, context);
     let mut inputs: Vec<&Path> = loaded.files.iter().map(PathBuf::as_path).collect();
     inputs.push(&job.cameras);
     let out = OutDir::create(
@@ -163,6 +165,18 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
         triangles: loaded.mesh.triangles().len(),
         views,
     })
+}
+
+/// Says that photographs as they were taken do not go with these renderings.
+fn warn_of_undistorted(scene: &Scene, context: &Context<'_>) {
+    let bent = cameras::lens_count(scene);
+    if bent > 0 {
+        let message = format!(
+            "{bent} views have a lens, which these renderings do not go through: photographs that are blended with them \
+             must be undistorted likewise (generate does so by itself)"
+        );
+        context.warnings.add("lens-undone", message);
+    }
 }
 
 /// The file that says which image each rendering is of.

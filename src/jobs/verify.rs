@@ -13,7 +13,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VerifyJob {
-    /// A scene folder, or a data set's root, whose scenes are all verified.
+    /// A scene folder, or a data set's root, or a folder of such roots (as `generate` makes for several sizes), whose
+    /// scenes are all verified.
     pub scene: PathBuf,
     /// The folder for `verify.json`; without it only the answer is given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -25,7 +26,7 @@ pub struct VerifyJob {
 /// What was found in each scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct VerifyOutcome {
-    /// (scene folder's name, what was found), by name.
+    /// (scene's name or path seen from the given folder, what was found), by name.
     pub scenes: Vec<(String, Verification)>,
 }
 
@@ -52,7 +53,10 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     let missing = missing.into_iter().map(|name| (name, missing_scene()));
     let mut scenes: Vec<(String, Verification)> = missing.collect();
     for folder in folders {
-        let name = name_of(&folder);
+        let name = match folder.strip_prefix(&job.scene) {
+            Ok(inside) if inside != Path::new("") => inside.to_string_lossy().replace('\\', "/"),
+            _ => name_of(&folder),
+        };
         let scene = BlendedFolder::new(folder);
         let verification = verify::verify(&scene, &job.verify, context.progress)?;
         scenes.push((name, verification));
@@ -67,8 +71,7 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
 }
 
 /// The scenes at `path` by folder, and names that list files have and that are no folder: the folder
-/// itself, or, when it is a data set's root, every folder in it that is listed, looks like a scene or
-/// is called like one.
+/// itself, or those of the root that it is, or those of the roots in it that have list files.
 fn scenes_at(path: &Path) -> Result<(Vec<PathBuf>, Vec<String>)> {
     if !path.is_dir() {
         let problem = "expected a scene folder or the root of a data set, found none";
@@ -78,15 +81,42 @@ fn scenes_at(path: &Path) -> Result<(Vec<PathBuf>, Vec<String>)> {
     if path.join("cams").is_dir() {
         return Ok(own);
     }
+    let (mut folders, mut missing) = scenes_of(path)?;
+    if !folders.is_empty() || !missing.is_empty() {
+        return Ok((folders, missing));
+    }
+    if ["blended_images", "rendered_depth_maps"]
+        .iter()
+        .any(|name| path.join(name).is_dir())
+    {
+        return Ok(own);
+    }
+    let inside = blended::names_in(path)?.into_iter();
+    for name in inside.filter(|name| path.join(name).is_dir()) {
+        let root = path.join(&name);
+        if !blended::listed_in(&root)?.is_empty() {
+            let (there, gone) = scenes_of(&root)?;
+            folders.extend(there);
+            missing.extend(gone.into_iter().map(|scene| format!("{name}/{scene}")));
+        }
+    }
+    if folders.is_empty() && missing.is_empty() {
+        let problem = "expected a scene folder (cams/, blended_images/, rendered_depth_maps/) or the root of a data \
+                       set, found neither";
+        return Err(mvs_datasets::Error::layout(path, problem).into());
+    }
+    Ok((folders, missing))
+}
+
+/// The scenes of a data set's root by folder, and names that are no folder: every one that is listed, looks like a
+/// scene or is called like one.
+fn scenes_of(path: &Path) -> Result<(Vec<PathBuf>, Vec<String>)> {
     let listed = blended::listed_in(path)?;
     let mut names: BTreeSet<String> = blended::names_in(path)?.into_iter().collect();
     names.retain(|name| blended::is_scene_id(name) || path.join(name).join("cams").is_dir());
     names.extend(listed);
     let (there, missing): (Vec<String>, Vec<String>) =
         (names.into_iter()).partition(|name| path.join(name).is_dir());
-    if there.is_empty() && missing.is_empty() {
-        return Ok(own);
-    }
     let folders = there.into_iter().map(|name| path.join(name));
     Ok((folders.collect(), missing))
 }

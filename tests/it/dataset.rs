@@ -2,6 +2,7 @@
 
 mod failures;
 mod lens;
+mod odd_meshes;
 mod photographs;
 mod sizes;
 mod sources;

@@ -11,6 +11,7 @@ use crate::parallel;
 use crate::scene::Mesh;
 use join::Joined;
 use part::Contents;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A mesh, and what was odd about its files (a missing texture, say), one sentence each.
@@ -56,7 +57,8 @@ pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
 }
 
 /// Reads meshes (`.obj` with its materials, `.ply`, `.gltf`, `.glb`) and joins them into one. A
-/// folder stands for all its meshes, and a last name with `*` or `?` for all that fit, in name order.
+/// folder stands for all its meshes but hidden ones, and a last name with `*` or `?` for all that fit, in name order;
+/// two of them that differ in their ending alone are refused, and several formats noted.
 /// Textures are found beside the file that names them, and only those that faces use are read; one
 /// that cannot be is noted, and its vertices' colours or its material's show instead. Where some vertices have colours,
 /// the others have those of their materials, and stand there once for each. Faces that are there both ways round
@@ -66,6 +68,7 @@ pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Load
     let mut joined = Joined::default();
     let mut library = Library::default();
     let files = mesh_files(paths)?;
+    let several = of_several_formats(paths, &files);
     let mut left = files.as_slice();
     while !left.is_empty() {
         let (some, rest) = left.split_at(side_by_side(left, options.threads));
@@ -91,7 +94,7 @@ pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<Load
     let finished = library.finish(drafts, options)?;
     let (mesh, note) = twins::merged(joined.finish(finished.materials)?)?;
     let mut notes = finished.notes;
-    notes.extend(note);
+    notes.extend(note.into_iter().chain(several));
     Ok(LoadedMesh {
         mesh,
         notes,
@@ -153,7 +156,10 @@ fn meshes_in(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder, "list"))? {
         let path = entry.map_err(Error::io(folder, "list"))?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if is_mesh(&path) && fits(name.as_bytes(), pattern.as_bytes()) && path.is_file() {
+        // `._name` is what macOS keeps beside a file in archives, no mesh.
+        let hidden = name.starts_with('.') && !pattern.starts_with('.');
+        if !hidden && is_mesh(&path) && fits(name.as_bytes(), pattern.as_bytes()) && path.is_file()
+        {
             files.push(path);
         }
     }
@@ -167,7 +173,42 @@ fn meshes_in(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
             format!("expected .obj, .ply, .gltf or .glb files{which} in this folder, found none");
         return Err(Error::layout(folder, problem));
     }
+    check_stems(folder, &files)?;
     Ok(files)
+}
+
+/// Refuses two files that are one model in two formats, as programs export them side by side.
+fn check_stems(folder: &Path, files: &[PathBuf]) -> Result<()> {
+    let mut stems = BTreeMap::new();
+    for path in files {
+        if let Some(other) = stems.insert(path.file_stem(), path) {
+            let problem = format!(
+                "expected each mesh once, found {} and {}, one model in two formats perhaps: name the one that is \
+                 meant, or a pattern (*.obj)",
+                other.display(),
+                path.display()
+            );
+            return Err(Error::layout(folder, problem));
+        }
+    }
+    Ok(())
+}
+
+/// A note where a folder or pattern stands for files of several formats.
+fn of_several_formats(paths: &[PathBuf], files: &[PathBuf]) -> Option<String> {
+    let first = files.first()?;
+    let other = files
+        .iter()
+        .find(|path| extension_of(path) != extension_of(first))?;
+    (files.len() > paths.len()).then(|| {
+        format!(
+            "{} files of several formats are joined into one mesh, {} and {} among them: if they are one model \
+             twice, name the one that is meant",
+            files.len(),
+            first.display(),
+            other.display()
+        )
+    })
 }
 
 /// Whether a name fits a pattern in which `*` stands for any letters and `?` for one.

@@ -227,9 +227,10 @@ impl Mesh {
         }
     }
 
-    /// The box around all vertices.
+    /// The box around all vertices that triangles use.
     pub fn bounds(&self) -> Aabb {
-        Aabb::around(self.vertices.iter().copied())
+        let corners = self.triangles.as_flattened().iter();
+        Aabb::around(corners.map(|&corner| self.vertices[corner as usize]))
     }
 }
 
@@ -253,6 +254,16 @@ mod tests {
             triangle()
                 .with_materials(vec![Material::default()], Some(vec![1]))
                 .is_err()
+        );
+    }
+
+    #[test]
+    fn bounds_are_those_of_what_is_used() {
+        let vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::splat(1e15)];
+        let bounds = Mesh::new(vertices, vec![[0, 1, 2]]).unwrap().bounds();
+        assert_eq!(
+            (bounds.min, bounds.max),
+            (DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0))
         );
     }
 

@@ -7,9 +7,10 @@ use super::Context;
 use crate::error::{Error, Result};
 use crate::score::points::prism;
 use mvs_datasets::format::ply;
+use mvs_datasets::layout::cameras::source_files;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::tnt::{TntFolder, known_tolerance};
-use mvs_datasets::layout::{files, mesh};
+use mvs_datasets::layout::{blended, files, mesh};
 use mvs_datasets::scene::{Aabb, ColorImage, Material, Mesh, PointCloud};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -96,7 +97,29 @@ fn inspect_folder(job: &InspectJob) -> Answer {
     if let Some(folder) = TntFolder::find(&job.path) {
         return inspect_tnt(&folder);
     }
-    cameras::inspect(job).or_else(|no_cams| inspect_mesh(&job.path).map_err(|_| no_cams))
+    // What lies there decides, so that what is wrong with it is said.
+    if source_files(&job.path)?.is_some() {
+        return cameras::inspect(job);
+    }
+    let names = blended::names_in(&job.path)?;
+    if names.iter().any(|name| mesh::is_mesh(Path::new(name))) {
+        return inspect_mesh(&job.path);
+    }
+    let scenes = blended::scenes_in(&job.path)?;
+    match scenes.first() {
+        None => cameras::inspect(job),
+        Some(first) => Ok((
+            "data set",
+            vec![
+                fact("scenes", scenes.len().to_string()),
+                fact("first scene", first.as_str()),
+                fact(
+                    "in list files",
+                    blended::listed_in(&job.path)?.len().to_string(),
+                ),
+            ],
+        )),
+    }
 }
 
 fn inspect_tnt(folder: &TntFolder) -> Answer {

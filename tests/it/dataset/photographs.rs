@@ -1,9 +1,11 @@
 //! Photographs that do not show what their views' renderings show, and how they are found.
 
-use super::{files_in, generate, inputs, own_inputs, scene_of};
+use super::{arguments, files_in, generate, inputs, own_inputs, scene_of, succeed};
 use crate::support::{mvs_eval, stderr, text, write};
 use mvs_datasets::layout::mvsnet;
+use mvs_eval::generate::scene_id;
 use std::path::Path;
+use std::process::Command;
 
 const CODE: &str = "photograph-does-not-match";
 
@@ -84,6 +86,60 @@ fn blend_tells_of_photographs_of_other_views() {
     let said = blend(&path("moved"), "wrong");
     assert!(
         said.contains(&format!("[{CODE}]: 6 of 6 photographs")),
+        "{said}"
+    );
+}
+
+/// The scene is called as the folder that holds the photographs' folder, however that is reached.
+#[test]
+fn a_scene_has_one_name_however_its_photographs_are_reached() {
+    let folder = tempfile::tempdir().unwrap();
+    let statue = folder.path().join("statue");
+    std::fs::create_dir_all(statue.join("work")).unwrap();
+    own_inputs(&statue);
+    let unnamed = arguments(&["--photos", "../photos", "--size", "64x48"]);
+    let unnamed = unnamed
+        .iter()
+        .filter(|part| !["--name", "small"].contains(&part.as_str()));
+    let output = Command::new(assert_cmd::cargo::cargo_bin!("mvs-eval"))
+        .current_dir(statue.join("work"))
+        .args(unnamed)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let made = statue.join("work/dataset").join(scene_id("statue"));
+    assert!(made.is_dir(), "{}", String::from_utf8_lossy(&output.stdout));
+}
+
+/// What `--camera-size` said is not asked for once more.
+#[test]
+fn a_camera_size_that_was_given_is_not_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = stderr(&generate(folder.path(), &["--camera-size", "256x192"]));
+    assert!(said.contains("give another --camera-size"), "{said}");
+}
+
+/// What `generate` made of several sizes is verified whole, each scene named by its place.
+#[test]
+fn a_folder_of_data_sets_is_verified_as_all_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), &["--size", "64x48", "--size", "128x96"]);
+    let dataset = folder.path().join("dataset");
+    let output = mvs_eval(&["verify", text(&dataset)]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    for size in ["64x48", "128x96"] {
+        let scene = format!("{size}/{}", scene_id("small"));
+        assert!(said.contains(&scene), "{said}");
+        let root = dataset.join(size);
+        let output = mvs_eval(&["inspect", text(&root)]);
+        let said = String::from_utf8(output.stdout).unwrap();
+        assert!(said.contains("data set"), "{said}");
+    }
+    let empty = folder.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let said = stderr(&mvs_eval(&["verify", text(&empty)]));
+    assert!(
+        said.contains("expected a scene folder") && said.contains("found neither"),
         "{said}"
     );
 }
