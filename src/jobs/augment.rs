@@ -10,6 +10,7 @@ use crate::parallel;
 use crate::provenance::Run;
 use mvs_datasets::format::image::{self, JpegOptions};
 use mvs_datasets::layout::{blended, files};
+use mvs_datasets::scene::{ColorImage, Mask};
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -72,7 +73,13 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
         ));
     }
     context.warn_of_unfinished(&[&folder], &job.out);
-    let run = Run::new("augment", job, &OutDir::inputs(&job.out, &[&folder])?)?;
+    let depths = depth_folder(&folder);
+    let inputs: Vec<&Path> = [Some(&folder), depths.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
+    let run = Run::new("augment", job, &OutDir::inputs(&job.out, &inputs)?)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let given: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
     let given: Vec<&Path> = given.iter().map(PathBuf::as_path).collect();
@@ -84,7 +91,7 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
     context.progress.begin("augmenting", names.len() as u64);
     let images = parallel::try_map(names.len(), |index| {
         context.progress.check()?;
-        let done = augment_one(&folder, &names[index], job.seed, &out)?;
+        let done = augment_one((&folder, depths.as_deref()), &names[index], job.seed, &out)?;
         context.progress.advance(1);
         Ok(done)
     })?;
@@ -129,7 +136,34 @@ fn image_folder(path: &Path) -> PathBuf {
     }
 }
 
-fn augment_one(folder: &Path, name: &str, seed: u64, out: &OutDir) -> Result<AugmentedImage> {
+/// The depth maps of the scene whose images the folder holds, if they are there.
+fn depth_folder(images: &Path) -> Option<PathBuf> {
+    let scene = images
+        .parent()
+        .filter(|_| images.ends_with("blended_images"))?;
+    Some(scene.join("rendered_depth_maps")).filter(|depths| depths.is_dir())
+}
+
+/// Where a masked image shows surface: where there is depth, else where it is brighter than a background.
+fn mask_of(depths: Option<&Path>, name: &str, image: &ColorImage) -> Result<Mask> {
+    let stem = stem_of(name);
+    let stem = stem.strip_suffix(MASKED).unwrap_or(stem);
+    let path = depths.map(|folder| folder.join(format!("{stem}.pfm")));
+    if let Some(path) = path.filter(|path| path.is_file()) {
+        let mask = files::read_depth(&path)?.0.valid_mask();
+        if mask.size() == image.size() {
+            return Ok(mask);
+        }
+    }
+    Ok(image.map(|pixel| pixel.iter().any(|&level| level > masked::BACKGROUND)))
+}
+
+fn augment_one(
+    (folder, depths): (&Path, Option<&Path>),
+    name: &str,
+    seed: u64,
+    out: &OutDir,
+) -> Result<AugmentedImage> {
     let path = folder.join(name);
     let given = files::read_image(&path)?;
     let view = view_of(name);
@@ -138,7 +172,7 @@ fn augment_one(folder: &Path, name: &str, seed: u64, out: &OutDir) -> Result<Aug
     let jpeg = JpegOptions::default();
     if is_masked(name) {
         let whole = unmasked(folder, name).map(|whole| files::read_image(&whole));
-        let mask = given.map(|pixel| pixel.iter().any(|&level| level > masked::BACKGROUND));
+        let mask = mask_of(depths, name, &given)?;
         let changed = augment::apply(whole.transpose()?.as_ref().unwrap_or(&given), &steps)?;
         let cut = blend::masked(&changed, &mask)
             .map_err(|error| Error::invalid(path.display().to_string(), error.to_string()))?;

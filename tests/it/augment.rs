@@ -1,7 +1,7 @@
 //! `mvs-eval augment` on files.
 
 use crate::support::{mvs_eval, stderr, text, turned_jpeg, write};
-use mvs_datasets::format::image;
+use mvs_datasets::format::{image, pfm};
 use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, Raster};
 use mvs_eval::generate::augment;
@@ -252,4 +252,51 @@ fn an_image_whose_name_is_no_utf_8_is_named_before_any_is_changed() {
     let said = "a\u{fffd}.png: expected a file name in UTF-8";
     assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
     assert!(!out.exists());
+}
+
+/// Dark surface is surface too: the depth map says where it is. What macOS keeps beside files in archives is none.
+#[test]
+fn a_scene_s_masks_are_those_of_its_depth_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    let shown = |at: u32| at % 40 < 30;
+    let whole: Vec<[u8; 3]> = (0..1200)
+        .map(|at| [if at % 3 == 0 { 4 } else { 120 }; 3])
+        .collect();
+    let masked = (0..)
+        .zip(&whole)
+        .map(|(at, pixel)| if shown(at) { *pixel } else { [0; 3] });
+    let images = [
+        ("00000002.png", whole.clone()),
+        ("00000002_masked.png", masked.collect()),
+    ];
+    for (name, values) in images {
+        let image = Raster::from_values(40, 30, values).unwrap();
+        let path = scene.join("blended_images").join(name);
+        files::write_atomically(&path, |out| image::write_png(out, &image)).unwrap();
+    }
+    let depth = Raster::from_values(
+        40,
+        30,
+        (0..1200).map(|at| f32::from(u8::from(shown(at)))).collect(),
+    );
+    let path = scene.join("rendered_depth_maps/00000002.pfm");
+    files::write_atomically(&path, |out| pfm::write_gray(out, &depth.unwrap())).unwrap();
+    write(&scene.join("blended_images/._00000002.png"), [0, 5, 22, 7]);
+    let out = folder.path().join("out");
+    let output = augmented(&scene, "7", &out);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let read = |name: &str| files::read_image(&out.join(name)).unwrap();
+    let (whole, masked) = (read("00000002.png"), read("00000002_masked.png"));
+    assert!(whole.values().iter().any(|pixel| *pixel != [120; 3]));
+    for (at, (whole, masked)) in (0..).zip(whole.values().iter().zip(masked.values())) {
+        let expected = if shown(at) { *whole } else { [0; 3] };
+        assert_eq!(*masked, expected, "pixel {at}");
+    }
+    assert!(
+        (0..)
+            .zip(whole.values())
+            .any(|(at, pixel)| at % 3 == 0 && pixel[0] > 0),
+        "the draw tells"
+    );
 }

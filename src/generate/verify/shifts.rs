@@ -32,10 +32,12 @@ pub(super) fn check(scene: &Scene, pairs: &[PairCheck]) -> Vec<Finding> {
             false => Severity::Advice,
         };
         let message = format!(
-            "expected the image where cameras and depths of other views put it, found it {:.1} px to the right \
-             and {:.1} px below (median over {} pairs): its principal point or pose is wrong, or the image is moved",
-            by.x,
-            by.y,
+            "expected the image where cameras and depths of other views put it, found it {:.1} px to the \
+             {} and {:.1} px {} (median over {} pairs): its principal point or pose is wrong, or the image is moved",
+            by.x.abs(),
+            if by.x < 0.0 { "left" } else { "right" },
+            by.y.abs(),
+            if by.y < 0.0 { "above" } else { "below" },
             shifts.len()
         );
         Some(Finding::new(

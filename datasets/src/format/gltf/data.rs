@@ -158,7 +158,7 @@ impl Document<'_> {
     }
 
     /// The elements of an accessor, `N` or more numbers each of which the first `N` are kept.
-    /// Normalised integers become 0…1.
+    /// Normalised integers become 0…1, signed ones -1…1.
     pub(super) fn elements<const N: usize>(&self, index: usize) -> Result<Vec<[f64; N]>, String> {
         let accessor = self.root.accessors.get(index);
         let accessor = accessor.ok_or_else(|| format!("expected accessor {index}, found none"))?;
@@ -221,7 +221,9 @@ impl Document<'_> {
 /// How a number is stored.
 #[derive(Clone, Copy)]
 enum Component {
+    SignedByte { normalized: bool },
     Byte { normalized: bool },
+    SignedShort { normalized: bool },
     Short { normalized: bool },
     Int,
     Float,
@@ -231,20 +233,22 @@ impl Component {
     fn of(accessor: &Accessor) -> Result<Self, String> {
         let normalized = accessor.normalized;
         match accessor.component_type {
+            5120 => Ok(Self::SignedByte { normalized }),
             5121 => Ok(Self::Byte { normalized }),
+            5122 => Ok(Self::SignedShort { normalized }),
             5123 => Ok(Self::Short { normalized }),
             5125 => Ok(Self::Int),
             5126 => Ok(Self::Float),
             other => Err(format!(
-                "expected unsigned integers or floats, found component type {other}"
+                "expected integers or floats, found component type {other}"
             )),
         }
     }
 
     fn size(self) -> usize {
         match self {
-            Self::Byte { .. } => 1,
-            Self::Short { .. } => 2,
+            Self::SignedByte { .. } | Self::Byte { .. } => 1,
+            Self::SignedShort { .. } | Self::Short { .. } => 2,
             Self::Int | Self::Float => 4,
         }
     }
@@ -252,10 +256,16 @@ impl Component {
     /// The number at the front of `bytes`, which are enough.
     fn read(self, bytes: &[u8]) -> f64 {
         let scaled = |value: f64, most: f64, normalized: bool| match normalized {
-            true => value / most,
+            true => (value / most).max(-1.0),
             false => value,
         };
         match (self, bytes) {
+            (Self::SignedByte { normalized }, [a, ..]) => {
+                scaled(f64::from(i8::from_le_bytes([*a])), 127.0, normalized)
+            }
+            (Self::SignedShort { normalized }, [a, b, ..]) => {
+                scaled(f64::from(i16::from_le_bytes([*a, *b])), 32767.0, normalized)
+            }
             (Self::Byte { normalized }, [a, ..]) => scaled(f64::from(*a), 255.0, normalized),
             (Self::Short { normalized }, [a, b, ..]) => {
                 scaled(f64::from(u16::from_le_bytes([*a, *b])), 65535.0, normalized)

@@ -53,7 +53,11 @@ pub enum GltfImage {
 }
 
 /// Extensions that change nothing of what is read here, or are read.
-const UNDERSTOOD: [&str; 2] = ["KHR_texture_transform", "KHR_lights_punctual"];
+const UNDERSTOOD: [&str; 3] = [
+    "KHR_texture_transform",
+    "KHR_lights_punctual",
+    "KHR_mesh_quantization",
+];
 
 /// Reads a `.gltf` or `.glb`. Meshes that nodes show several times are there several times, up to 2^26 vertices and
 /// corners in all. `load` gives the content of a file that a buffer names, relative to the

@@ -73,6 +73,43 @@ fn nodes_place_what_they_hold_in_f64_and_mirrors_turn_triangles() {
     assert!((b - a).cross(c - a).z > 0.0, "the front stays in front");
 }
 
+/// As gltfpack writes them: whole numbers that a node scales, or fractions of the largest.
+#[test]
+fn quantized_positions_are_read() {
+    let mut bytes = Vec::new();
+    for corner in [[0i16, 0, 0], [32767, 0, 0], [-32768, 100, 0], [0, 300, 0]] {
+        bytes.extend(corner.into_iter().flat_map(i16::to_le_bytes));
+        bytes.extend([0; 2]);
+    }
+    for corner in [[0i8, 0], [127, 0], [-128, 64], [0, 127]] {
+        bytes.extend(corner.map(i8::cast_unsigned));
+        bytes.extend([0; 2]);
+    }
+    bytes.extend(&buffer()[80..]);
+    let of = |normalized: bool| {
+        let json = SQUARE
+            .replace(r#""asset""#, r#""extensionsRequired": ["KHR_mesh_quantization"], "asset""#)
+            .replace(
+                r#"{"bufferView": 0, "componentType": 5126,"#,
+                &format!(r#"{{"bufferView": 0, "componentType": 5122, "normalized": {normalized},"#),
+            )
+            .replace(
+                r#"{"bufferView": 1, "componentType": 5126,"#,
+                r#"{"bufferView": 1, "componentType": 5120, "normalized": true,"#,
+            )
+            .replace(r#""byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 32}"#,
+                r#""byteLength": 32, "byteStride": 8}, {"buffer": 0, "byteOffset": 32, "byteLength": 16, "byteStride": 4}"#)
+            .replace(r#""byteOffset": 80"#, r#""byteOffset": 48"#)
+            .replace(r#""byteLength": 92"#, r#""byteLength": 60"#);
+        read_gltf(&glb(&json, &bytes), &|_| Err("no files here".into())).unwrap()
+    };
+    let file = of(false);
+    assert_eq!(file.vertices[2], DVec3::new(-32768.0, 100.0, 0.0));
+    assert_eq!(file.triangles, [[0, 1, 2], [0, 2, 3]]);
+    assert_eq!(of(true).vertices[1], DVec3::X);
+    assert_eq!(of(true).vertices[2], DVec3::new(-1.0, 100.0 / 32767.0, 0.0));
+}
+
 #[test]
 fn textures_lie_with_v_down_and_their_transform() {
     let textured = SQUARE.replace(
