@@ -119,8 +119,7 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     let mut boards: Vec<Board> = Vec::new();
     for row in reader.records() {
         let row = row.map_err(lines.broken())?;
-        let line = row.position().map_or(1, |position| lines.at(position));
-        let at = |problem| FormatError::new(format!("line {line}"), problem);
+        let at = |problem| FormatError::new(format!("line {}", lines.of(&row)), problem);
         let before = (0..method).filter(|&column| column != metric);
         let named = before.filter_map(|column| row.get(column));
         // Empty ones tell tables apart too.

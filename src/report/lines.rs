@@ -21,8 +21,13 @@ pub(super) struct Lines<'a> {
 }
 
 impl Lines<'_> {
+    /// The line, from 1, that the row begins at. It is counted from the table's start: to be asked for errors alone.
+    pub(super) fn of(&self, row: &csv::StringRecord) -> usize {
+        row.position().map_or(1, |position| self.at(position))
+    }
+
     /// The line, from 1, that the row there begins at.
-    pub(super) fn at(&self, position: &csv::Position) -> usize {
+    fn at(&self, position: &csv::Position) -> usize {
         let start = usize::try_from(position.byte()).unwrap_or(usize::MAX);
         let mut start = start.min(self.bytes.len());
         while let Some(&byte) = self.bytes.get(start) {

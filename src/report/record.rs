@@ -272,11 +272,13 @@ pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     let mut records = Vec::new();
     for row in reader.records() {
         let row = row.map_err(lines.broken())?;
-        let line = row.position().map_or(1, |position| lines.at(position));
         let record = row.deserialize(Some(&found));
-        let record: Record = record.map_err(|error| in_cell(&row, line, &error))?;
+        let record: Record = record.map_err(|error| in_cell(&row, lines.of(&row), &error))?;
         if let Some(problem) = record.problem().or_else(|| wrong_f_score(&row)) {
-            return Err(FormatError::new(format!("line {line}"), problem));
+            return Err(FormatError::new(
+                format!("line {}", lines.of(&row)),
+                problem,
+            ));
         }
         records.push(record);
     }
@@ -520,6 +522,13 @@ mod tests {
             let error = read(bad.as_bytes()).unwrap_err().to_string();
             assert!(error.starts_with("line 6: precision: "), "{error}");
         }
+        // Far down too.
+        let many: Vec<Record> = (1..=300).map(|i| record("a", "b", f64::from(i))).collect();
+        let many = written(&many).replace("quoted", "of\ntwo");
+        let bad = many.replace(",300.0,,", ",300.0,,x");
+        assert_ne!(bad, many);
+        let error = read(bad.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with("line 600: precision: "), "{error}");
         let broken: Vec<u8> = [good.as_bytes(), b"1,\xff\n"].concat();
         let error = read(broken.as_slice()).unwrap_err().to_string();
         assert_eq!(error, "line 6: expected 43 cells, found 2");
