@@ -14,9 +14,11 @@ pub mod score;
 pub mod stats;
 pub mod stretches;
 pub mod tolerance;
+pub mod usual;
 
 pub use curve::Curve;
 pub use error::{Error, Result};
 pub use score::{Count, Score};
 pub use stretches::Stretches;
 pub use tolerance::Tolerance;
+pub use usual::Usual;

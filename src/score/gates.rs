@@ -12,8 +12,8 @@ use crate::error::Result;
 use crate::warning::Warning;
 use glam::DVec3;
 use mvs_datasets::scene::Aabb;
-use mvs_metrics::Tolerance;
 use mvs_metrics::align::{IcpOptions, Scale, icp};
+use mvs_metrics::{Tolerance, Usual};
 use serde::{Deserialize, Serialize};
 
 /// Cameras registered in both trajectories over those of the reference, at least.
@@ -314,14 +314,16 @@ pub fn of_tolerances(evaluation: &Evaluation, tolerance: Tolerance) -> Result<Ga
     Ok(Gate::new("low-at-tau", ratio, (min, None), said).because(cause))
 }
 
-/// How far, root mean square in world units, another ICP update within 5 τ would move the cloud: by a
-/// rigid motion where its points fix no scale; 0 where they fix nothing.
+/// How far, root mean square in world units, another ICP update within 5 τ would move the cloud, without what lies
+/// far from the rest of the truth: by a rigid motion where its points fix no scale; 0 where they fix nothing.
 fn drift(evaluation: &Evaluation, tolerance: Tolerance) -> f64 {
     let reach = 5.0 * tolerance.get();
     let side = &evaluation.reconstruction;
     let near = side.points.iter().zip(&side.distances);
+    // A single pair far out would have as much weight in the fit as all others together, and would move farthest.
+    let usual = Usual::of(evaluation.truth.points.iter());
     let near: Vec<DVec3> = near
-        .filter(|&(_, &distance)| distance < reach)
+        .filter(|&(point, &distance)| distance < reach && usual.holds(point))
         .map(|(point, _)| point)
         .collect();
     let step = near.len().div_ceil(DRIFT_SAMPLE).max(1);

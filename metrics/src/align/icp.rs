@@ -56,8 +56,8 @@ pub struct Icp {
 /// Moves `source` onto `target` by similarities, starting from where it is. The same bits at any
 /// number of threads.
 ///
-/// An error where either cloud is empty or not finite, or the pairs of some update coincide so that
-/// no scale fits. Without any pair the result is the identity with fitness 0.
+/// An error where either cloud is empty or not finite, the pairs of some update coincide so that no scale
+/// fits, or they lie so far out (from about 1e77) that their products overflow. Without any pair the result is the identity with fitness 0.
 pub fn icp(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<Icp> {
     let source = listed(source, Order::Any);
     check(&source, options)?;
@@ -130,6 +130,10 @@ fn iterate(
     while iterations < options.max_iterations && !converged {
         let step = update?;
         motion = step * motion;
+        if !motion.is_finite() {
+            let problem = "expected points whose products are finite, found overflow";
+            return Err(Error::invalid("ICP", problem));
+        }
         let (after, next) = pair(step);
         converged = close(&before, &after, options);
         (before, update) = (after, next);
@@ -318,6 +322,31 @@ mod tests {
             (found.fitness, found.inlier_rmse, found.pairs),
             (0.0, 0.0, 0)
         );
+    }
+
+    /// Five pairs far out beside a sheet that is moved.
+    #[test]
+    fn pairs_far_out_give_a_finite_motion_or_an_error() {
+        let moved: Vec<DVec3> = sheet(45, 2000)
+            .iter()
+            .map(|p| *p + DVec3::Z * 0.04)
+            .collect();
+        for exponent in (3..155).step_by(4).chain([160, 200, 300]) {
+            let far = scattered(46, 5);
+            let far = || far.iter().map(|p| *p * 10f64.powi(exponent));
+            let target: Vec<DVec3> = sheet(45, 2000).into_iter().chain(far()).collect();
+            let source: Vec<DVec3> = moved.iter().copied().chain(far()).collect();
+            for scale in [Scale::One, Scale::Free, Scale::FreeInSource] {
+                let options = IcpOptions {
+                    scale,
+                    max_iterations: 4,
+                    ..IcpOptions::new(0.05)
+                };
+                if let Ok(found) = icp(&source, &target, &options) {
+                    assert!(found.target_from_source.is_finite(), "{exponent} {scale:?}");
+                }
+            }
+        }
     }
 
     #[test]

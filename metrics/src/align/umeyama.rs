@@ -118,7 +118,12 @@ impl Moments {
             let problem = format!("expected points that differ, found a scale of {c}");
             return Err(Error::invalid("similarity fit", problem));
         }
-        Ok(self.compose(rotation * c))
+        let found = self.compose(rotation * c);
+        if !found.is_finite() {
+            let problem = "expected points whose products are finite, found overflow";
+            return Err(Error::invalid("similarity fit", problem));
+        }
+        Ok(found)
     }
 
     fn compose(&self, linear: Matrix3<f64>) -> DMat4 {
@@ -184,6 +189,21 @@ pub(crate) mod tests {
         assert!(umeyama(&[], &[], Scale::Free).is_err());
         assert!(umeyama(&[DVec3::ONE; 4], &points, Scale::Free).is_err());
         assert!(umeyama(&[DVec3::NAN; 4], &points, Scale::Free).is_err());
+    }
+
+    /// From about 1e77 on the covariance's own products overflow, from 1e154 on the covariance.
+    #[test]
+    fn a_fit_of_points_far_out_is_finite_or_refused() {
+        for exponent in (60..160).chain([200, 300]) {
+            let far: Vec<DVec3> = scattered(6, 20)
+                .iter()
+                .map(|p| *p * 10f64.powi(exponent))
+                .collect();
+            for scale in [Scale::One, Scale::Free, Scale::FreeInSource] {
+                let found = umeyama(&far, &far, scale);
+                assert!(found.is_err() || found.unwrap().is_finite(), "{exponent}");
+            }
+        }
     }
 
     #[test]

@@ -187,6 +187,28 @@ fn a_cloud_out_of_place_is_told_from_a_noisy_one() {
     assert!(displaced.message.contains("out of place"), "{displaced:?}");
 }
 
+/// One point far out, in both clouds: a motion that follows noise moves it as far as all others together.
+#[test]
+fn a_point_far_out_in_both_clouds_does_not_turn_noise_into_drift() {
+    let tolerance = Tolerance::new(0.8).unwrap();
+    let with_far = |offset: DVec3, roughness: f64, far: DVec3| {
+        let points = surface(offset, roughness).positions();
+        FinitePoints::new(points.iter().copied().chain([far]).collect())
+    };
+    for far in [1e3, 1e6, 1e12, 1e80, 1e150].map(|far| DVec3::X * far) {
+        let gate_at = |offset, roughness| {
+            let reconstruction = with_far(offset, roughness, far);
+            let truth = with_far(DVec3::ZERO, 0.0, far);
+            let compared = plain::evaluate(&reconstruction, None, &truth, &Preparation::default());
+            of_tolerances(&compared.unwrap(), tolerance).unwrap()
+        };
+        let noisy = gate_at(DVec3::ZERO, 3.5);
+        assert!(noisy.passed && noisy.value.unwrap() < 0.5, "{noisy:?}");
+        let displaced = gate_at(DVec3::new(0.5, 0.5, 1.6), 0.1);
+        assert!(!displaced.passed, "{displaced:?}");
+    }
+}
+
 fn crop_gate(reconstruction: &FinitePoints) -> Gate {
     let bounds = |points: &FinitePoints| Aabb::around(points.positions().iter().copied());
     let evaluation = compared(reconstruction, true);
