@@ -93,8 +93,9 @@ pub(crate) struct ScoreArgs {
     /// `centroids`
     #[arg(long, value_enum)]
     mesh_as: Option<MeshAsName>,
-    /// Confidence interval of F from this many resamples of blocks of space, 16 along the longest side: too
-    /// narrow where errors hang together over more than a block
+    /// Confidence interval of F from this many resamples of blocks of space, 16 along the longest side of
+    /// the truth, without what lies far from the rest of it: too narrow where errors hang together over more than
+    /// a block, and none where one block holds more than half of a side's points
     #[arg(long, value_name = "N")]
     bootstrap: Option<u32>,
     /// tnt: spread of F over this many seeds

@@ -331,9 +331,16 @@ impl<'a> Work<'a> {
     pub(super) fn document(&self, scored: &Scored, inputs: InputHashes) -> Result<ScoreDocument> {
         let job = self.job;
         let evaluation = &scored.evaluation;
-        let at = |&tolerance: &Tolerance| AtTolerance {
-            confidence: bootstrap::interval(evaluation, tolerance, job.bootstrap, job.seed),
-            ..AtTolerance::of(evaluation, tolerance)
+        let at = |&tolerance: &Tolerance| {
+            let (confidence, doubt) =
+                bootstrap::interval(evaluation, tolerance, job.bootstrap, job.seed);
+            if let Some(doubt) = doubt {
+                self.warnings.add(&doubt.code, doubt.message);
+            }
+            AtTolerance {
+                confidence,
+                ..AtTolerance::of(evaluation, tolerance)
+            }
         };
         let by_tolerance: Vec<AtTolerance> = self.plan.tolerances.iter().map(at).collect();
         let first = by_tolerance[0];
