@@ -212,17 +212,19 @@ impl Sizes {
         })
     }
 
-    /// The size that the estimate would have beside a truth of this size.
-    fn beside(&self, (width, height): (u32, u32)) -> (u32, u32) {
-        let share = |length: u32, estimate: u32, truth: u32| {
-            let [length, estimate, truth] = [length, estimate, truth].map(u64::from);
-            let rounded = (length * estimate + truth / 2) / truth.max(1);
-            u32::try_from(rounded).map_or(length as u32, |rounded| rounded.max(1))
+    /// The size that the estimate would have beside a truth of this size. Both sides are rounded, and a small one
+    /// says little of the ratio: they give one together.
+    fn beside(&self, size: (u32, u32)) -> (u32, u32) {
+        if size == self.truth {
+            return self.estimate;
+        }
+        let both = |(width, height): (u32, u32)| u64::from(width) + u64::from(height);
+        let (estimate, truth) = (both(self.estimate), both(self.truth).max(1));
+        let share = |length: u32| {
+            let rounded = (u64::from(length) * estimate + truth / 2) / truth;
+            u32::try_from(rounded).map_or(length, |rounded| rounded.clamp(1, length))
         };
-        (
-            share(width, self.estimate.0, self.truth.0),
-            share(height, self.estimate.1, self.truth.1),
-        )
+        (share(size.0), share(size.1))
     }
 }
 
@@ -236,7 +238,7 @@ fn missing_view(
 ) -> Result<DepthRow> {
     let planes = planes_of(job, folder, view)?;
     let truth = true_depth(folder, view, context)?;
-    let truth = at_size(&truth, sizes.beside(truth.size()), &job.estimates)?;
+    let truth = thinned(&truth, sizes.beside(truth.size()))?;
     let (row, errors) = score_missing(view.id, truth.values(), &planes)?;
     write_picture(out, view, || picture(&truth, &planes, &errors))?;
     Ok(row)
@@ -287,11 +289,8 @@ pub(super) fn nearest(index: u32, length: u32, of: u32) -> u32 {
     u32::try_from(at).unwrap_or(u32::MAX).min(of - 1)
 }
 
-/// The truth at the pixels nearest to those of a map of `size`: depth is never interpolated.
+/// The truth at the pixels nearest to those of a map of `size`, which must have its shape; `path` is the map's.
 fn at_size(truth: &DepthMap, size: (u32, u32), path: &Path) -> Result<Raster<f32>> {
-    if truth.size() == size {
-        return Ok(truth.raster().clone());
-    }
     let whole = truth.size();
     // The smaller map may have lost up to a pixel of its own by rounding.
     let scale = f64::from(whole.0) / f64::from(size.0);
@@ -302,6 +301,15 @@ fn at_size(truth: &DepthMap, size: (u32, u32), path: &Path) -> Result<Raster<f32
             whole.0, whole.1, size.0, size.1
         );
         return Err(Error::invalid(path.display().to_string(), problem));
+    }
+    thinned(truth, size)
+}
+
+/// The truth at the pixels nearest to those of a map of `size`: depth is never interpolated.
+fn thinned(truth: &DepthMap, size: (u32, u32)) -> Result<Raster<f32>> {
+    let whole = truth.size();
+    if whole == size {
+        return Ok(truth.raster().clone());
     }
     let pixels = (0..size.1).flat_map(|row| (0..size.0).map(move |column| (column, row)));
     let values = pixels.map(|(column, row)| {

@@ -253,6 +253,43 @@ fn a_missing_view_counts_as_many_pixels_as_its_estimate_would_have() {
     );
 }
 
+/// Beside one of another size, of which the estimate's sides are rounded each its own way.
+#[test]
+fn a_missing_view_of_another_size_counts_too() {
+    let folder = scene();
+    let path = |name: &str| folder.path().join(name);
+    let depths = |(width, height): (u32, u32), depth: f32| vec![depth; (width * height) as usize];
+    // An eighth of 764 x 579 is 95.5 x 72.4, of 2048 x 1536 exactly 256 x 192.
+    put(
+        &path("rendered_depth_maps"),
+        0,
+        (764, 579),
+        &depths((764, 579), 4.0),
+    );
+    put(&path("estimates"), 0, (96, 72), &depths((96, 72), 4.0));
+    put(
+        &path("rendered_depth_maps"),
+        5,
+        (2048, 1536),
+        &depths((2048, 1536), 4.0),
+    );
+    let found = answer(&arguments(folder.path(), &[]));
+    let counted = |at: usize| found["views"][at]["counted"].as_u64();
+    let expected = [Some(96 * 72), Some(8), Some(256 * 192)];
+    assert_eq!([0, 1, 2].map(counted), expected, "{}", found["views"]);
+    assert_eq!(found["missing"], serde_json::json!([5]));
+    // However long and thin, and however small the estimates.
+    put(&path("estimates"), 0, (10, 8), &depths((10, 8), 4.0));
+    put(
+        &path("rendered_depth_maps"),
+        5,
+        (7, 2000),
+        &depths((7, 2000), 4.0),
+    );
+    let found = answer(&arguments(folder.path(), &[]));
+    assert_eq!(found["views"][2]["counted"], 27, "{}", found["views"]);
+}
+
 #[test]
 fn what_cannot_be_compared_is_named() {
     let folder = scene();
