@@ -9,7 +9,9 @@ use std::path::PathBuf;
 /// Compare two sets of records and exit with 1 when a score became worse
 ///
 /// A difference counts when it is larger than the records' confidence intervals allow (see
-/// `score --bootstrap`, which says where they are too narrow) and larger than --tolerance. A score that
+/// `score --bootstrap`, which says where they are too narrow) and larger than --tolerance. Both intervals count
+/// as independent, though scores against one truth share its part of the chance: a difference may be real that
+/// is called none. Cells are paired by method, scene and threshold, by split where a set has several. A score that
 /// failed its gates counts as none beside one that passed them: what passed them before is lost then, which
 /// is worse. Where both failed, their F-scores are compared all the same.
 ///

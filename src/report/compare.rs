@@ -51,7 +51,7 @@ pub enum Outcome {
 /// One cell of both sets.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
-    /// Method, scene and threshold, as far as they tell cells apart.
+    /// Procedure, split, method, scene and threshold, as far as they tell cells apart.
     pub cell: String,
     /// The first set's F-score, 0 to 1.
     pub before: f64,
@@ -88,7 +88,7 @@ impl Comparison {
 
 /// Compares the F-scores of `after` with those of `before`. A score whose status is not `ok` is no score
 /// beside one whose status is, as in leaderboards, nor beside none; two such are compared. Methods are paired by name,
-/// unless both sets hold a single one.
+/// unless both sets hold a single one; splits where a set has the same cell in several.
 ///
 /// Fails when the scores are of different protocols, profiles or units, or a cell's of different truths,
 /// crops or samplings of meshes, unless they may be mixed; when a cell is there twice; or when the sets
@@ -101,10 +101,12 @@ pub fn compare(
     if options.mixing == Mixing::Refused {
         same_procedure(before, after)?;
     }
-    let naming = Naming {
+    let mut naming = Naming {
         methods: methods(before).len() > 1 || methods(after).len() > 1,
         procedures: has_several_procedures(before, after),
+        splits: false,
     };
+    naming.splits = naming.has_twins(before) || naming.has_twins(after);
     let first = cells(before, naming)?;
     let second = cells(after, naming)?;
     let mut comparison = Comparison::default();
@@ -114,31 +116,31 @@ pub fn compare(
         let scored = new.and_then(|new| Some((new.fscore?, new)));
         let Some((after, new)) = scored.filter(|(_, new)| is_sound(new) || !is_sound(old)) else {
             if is_sound(old) {
-                comparison.lost.push(with_status(cell, new));
+                comparison.lost.push(with_status(&cell.name(), new));
             }
             continue;
         };
         if is_sound(new) && !is_sound(old) {
-            comparison.gained.push(with_status(cell, Some(old)));
+            comparison.gained.push(with_status(&cell.name(), Some(old)));
             continue;
         }
         if let Some(change) = basis::change(old, new) {
-            comparison.mixed.push(format!("{cell}: {change}"));
+            comparison.mixed.push(format!("{}: {change}", cell.name()));
         }
         let uncertainty = half_width(old)
             .hypot(half_width(new))
             .max(options.tolerance);
         comparison
             .differences
-            .push(difference(cell, (before, after), uncertainty));
+            .push(difference(cell.name(), (before, after), uncertainty));
     }
     if options.mixing == Mixing::Refused && !comparison.mixed.is_empty() {
         return Err(mixed(&comparison.mixed));
     }
-    let unscored = |cell: &&String| first.get(*cell).is_none_or(|old| old.fscore.is_none());
+    let unscored = |cell: &&Cell| first.get(*cell).is_none_or(|old| old.fscore.is_none());
     let new_cells = second.iter().filter(|(_, new)| new.fscore.is_some());
     let new_cells = new_cells.filter(|(cell, _)| unscored(cell));
-    let new_cells = new_cells.map(|(cell, new)| with_status(cell, Some(*new)));
+    let new_cells = new_cells.map(|(cell, new)| with_status(&cell.name(), Some(*new)));
     comparison.gained.extend(new_cells);
     comparison.gained.sort();
     // What was scored on one side and failed on the other is in both.
@@ -184,7 +186,7 @@ fn mixed(cells: &[String]) -> Error {
     Error::invalid("compare", problem)
 }
 
-fn difference(cell: &str, (before, after): (f64, f64), uncertainty: f64) -> Difference {
+fn difference(cell: String, (before, after): (f64, f64), uncertainty: f64) -> Difference {
     let outcome = if after > before + uncertainty {
         Outcome::Better
     } else if after < before - uncertainty {
@@ -193,7 +195,7 @@ fn difference(cell: &str, (before, after): (f64, f64), uncertainty: f64) -> Diff
         Outcome::Same
     };
     Difference {
-        cell: cell.to_owned(),
+        cell,
         before,
         after,
         uncertainty,
@@ -255,37 +257,74 @@ fn same_procedure(before: &[Record], after: &[Record]) -> Result<()> {
     Err(Error::invalid("compare", problem))
 }
 
-/// What a cell's name must say beside scene and threshold.
+/// What tells cells apart beside scene and threshold.
 #[derive(Debug, Clone, Copy)]
 struct Naming {
     methods: bool,
     procedures: bool,
+    splits: bool,
 }
 
-fn cells(records: &[Record], naming: Naming) -> Result<BTreeMap<String, &Record>> {
+/// What pairs records of both sets; a text is empty where it does not tell cells apart.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Cell {
+    procedure: String,
+    split: String,
+    method: String,
+    group: String,
+    scene: String,
+    /// As bits, which thresholds are sorted by as well: they are above 0.
+    threshold: Option<u64>,
+}
+
+impl Cell {
+    fn name(&self) -> String {
+        let threshold = self.threshold.map(f64::from_bits);
+        let threshold = threshold.map_or_else(String::new, |threshold| format!("τ {threshold}"));
+        let texts = [
+            &self.procedure,
+            &self.split,
+            &self.method,
+            &self.group,
+            &self.scene,
+            &threshold,
+        ];
+        let told = texts.into_iter().filter(|text| !text.is_empty());
+        told.map(String::as_str).collect::<Vec<_>>().join(" · ")
+    }
+}
+
+impl Naming {
+    fn cell(self, record: &Record) -> Cell {
+        let of = |is_told: bool, text: &str| if is_told { text } else { "" }.to_owned();
+        Cell {
+            procedure: of(self.procedures, &procedure(record)),
+            split: of(self.splits, &record.split),
+            method: of(self.methods, &record.method),
+            group: of(self.methods, &record.group),
+            scene: record.scene.clone(),
+            threshold: record.threshold.map(f64::to_bits),
+        }
+    }
+
+    /// Whether two records are of one cell.
+    fn has_twins(self, records: &[Record]) -> bool {
+        let mut seen = BTreeSet::new();
+        let mut records = records.iter();
+        records.any(|record| !seen.insert(self.cell(record)))
+    }
+}
+
+fn cells(records: &[Record], naming: Naming) -> Result<BTreeMap<Cell, &Record>> {
     let mut cells = BTreeMap::new();
     for record in records {
-        let mut parts = Vec::new();
-        if naming.procedures {
-            parts.push(procedure(record));
-        }
-        if naming.methods {
-            parts.push(record.method.clone());
-            parts.push(record.group.clone());
-        }
-        parts.push(record.scene.clone());
-        parts.push(
-            record
-                .threshold
-                .map(|t| format!("τ {t}"))
-                .unwrap_or_default(),
-        );
-        parts.retain(|part| !part.is_empty());
-        let cell = parts.join(" · ");
-        if cells.insert(cell.clone(), record).is_some() {
+        let cell = naming.cell(record);
+        if cells.contains_key(&cell) {
+            let cell = cell.name();
             let problem = format!("expected one record per cell, found two for {cell}");
             return Err(Error::invalid("compare", problem));
         }
+        cells.insert(cell, record);
     }
     Ok(cells)
 }
@@ -335,6 +374,38 @@ mod tests {
         let mixed = compare(&both, alone, &mixing).unwrap();
         assert_eq!(mixed.lost, ["tnt official · Barn · τ 0.01"]);
         assert_eq!(mixed.differences[0].outcome, Outcome::Same);
+    }
+
+    #[test]
+    fn cells_of_several_splits_are_paired_by_split_and_those_of_one_by_scene_alone() {
+        let of = |split: &str, f: f64| Record {
+            split: split.into(),
+            ..record("Barn", f, 0.0)
+        };
+        let both = [of("training", 0.5), of("rerun", 0.6)];
+        let itself = compared(&both, &both);
+        let cells: Vec<&str> = itself.differences.iter().map(|d| d.cell.as_str()).collect();
+        assert_eq!(cells, ["rerun · Barn · τ 0.01", "training · Barn · τ 0.01"]);
+        assert!(!itself.is_regression());
+        let worse = compared(&both, &[of("rerun", 0.6), of("training", 0.4)]);
+        let outcomes: Vec<Outcome> = worse.differences.iter().map(|d| d.outcome).collect();
+        assert_eq!(outcomes, [Outcome::Same, Outcome::Worse]);
+        assert_eq!(compared(&both, &both[..1]).lost, ["rerun · Barn · τ 0.01"]);
+        let one = compared(&both[..1], &[of("", 0.5)]);
+        assert_eq!(one.differences[0].cell, "Barn · τ 0.01");
+    }
+
+    #[test]
+    fn names_that_look_alike_joined_are_different_cells() {
+        let of = |method: &str, scene: &str, f: f64| Record {
+            method: method.into(),
+            ..record(scene, f, 0.0)
+        };
+        let both = [of("a · b", "c", 0.5), of("a", "b · c", 0.6)];
+        let found = compared(&both, &both);
+        let values: Vec<f64> = found.differences.iter().map(|d| d.after).collect();
+        assert_eq!(values, [0.6, 0.5]);
+        assert!(!found.is_regression());
     }
 
     #[test]
