@@ -1,7 +1,7 @@
 //! Recomputes what a published table derives: F-scores from precision and recall, averages from
 //! scenes. A number is a slip when no unrounded values that print as the table's could give it.
 
-use super::lines::{Lines, whole};
+use super::lines::{Lines, check_separator, whole};
 use super::table::SUSPECT;
 use mvs_datasets::FormatError;
 use std::collections::BTreeMap;
@@ -99,7 +99,9 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     let mut reader = csv::ReaderBuilder::new()
         .comment(comment)
         .from_reader(bytes.as_slice());
-    let header = reader.headers().map_err(lines.broken())?.clone();
+    let mut header = reader.headers().map_err(lines.broken())?.clone();
+    check_separator(&header)?;
+    header.trim();
     let place = |name: &str| {
         let found = header
             .iter()
@@ -438,9 +440,21 @@ mod tests {
     }
 
     #[test]
+    fn blanks_around_names_of_columns_are_none_of_them() {
+        let table = "method , metric,\tBarn , Truck, Average \nm,recall,.5,.6,.7\n";
+        let slips = check(table.as_bytes()).unwrap().slips;
+        assert_eq!((slips.len(), slips[0].column.as_str()), (1, "Average"));
+    }
+
+    #[test]
     fn what_is_no_table_is_refused() {
         let fails = |text: &str| check(text.as_bytes()).unwrap_err().to_string();
         assert!(fails("a,b\n1,2\n").contains("header: expected a column method"));
+        for separator in [";", "\t"] {
+            let found = fails(&PAPER.replace(',', separator));
+            let said = format!("header: expected cells separated by commas, found {separator:?}");
+            assert!(found.starts_with(&said.replace('"', "'")), "{found}");
+        }
         let bad = "method,metric,A\nm,recall,x\n";
         assert_eq!(fails(bad), "line 2: expected a number, found x");
         assert!(fails("method,metric,A\nm,speed,1\n").contains("found speed"));

@@ -14,6 +14,8 @@ const POINTS_PER_CLOUD: usize = 200_000;
 const POINTS_PER_PAGE: usize = 1_000_000;
 /// No page is larger.
 const MOST_BYTES: usize = 10_000_000;
+/// Notes below one table; files of tables have all of them.
+const NOTES: usize = 20;
 /// What stands around the plots of a page, at most.
 const PLOTS_FRAME: usize = 100;
 
@@ -241,7 +243,14 @@ fn push_table(text: &mut String, table: &Table) {
         push(text, format_args!("<tr>{}</tr>", cells.collect::<String>()));
     }
     push(text, format_args!("</tbody>\n</table>\n</div>"));
-    for note in &table.notes {
+    push_notes(text, &table.notes);
+}
+
+/// As many as a reader goes through: those of hundreds of failures would fill the page.
+fn push_notes(text: &mut String, notes: &[String]) {
+    let more = notes.len().saturating_sub(NOTES);
+    let more = (more > 0).then(|| format!("And {more} more notes, in leaderboard.md."));
+    for note in notes.iter().take(NOTES).chain(&more) {
         push(
             text,
             format_args!("<p class=\"note\">{}</p>", escaped(note)),
@@ -427,6 +436,30 @@ mod tests {
             ..empty
         };
         assert!(html(&page).unwrap().len() > MOST_BYTES - 2000);
+    }
+
+    #[test]
+    fn a_table_shows_its_first_notes_and_says_how_many_there_are() {
+        let page_of = |notes: usize| {
+            let note = |i| format!("note {i} {}", "x".repeat(1000));
+            let table = Table {
+                notes: (0..notes).map(note).collect(),
+                ..Table::default()
+            };
+            html(&Page {
+                tables: &vec![table; 6],
+                ..Page::default()
+            })
+        };
+        let whole = page_of(20).unwrap();
+        assert!(whole.contains("note 19 ") && !whole.contains("more notes"));
+        let cut = page_of(4000).unwrap();
+        assert!(cut.contains("note 19 ") && !cut.contains("note 20 "));
+        assert_eq!(
+            cut.matches("And 3980 more notes, in leaderboard.md.")
+                .count(),
+            6
+        );
     }
 
     #[test]

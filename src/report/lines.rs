@@ -11,6 +11,17 @@ pub(super) fn whole(mut source: impl Read) -> Result<Vec<u8>, FormatError> {
     Ok(bytes)
 }
 
+/// Says so where a header is of one cell that holds other separators than commas.
+pub(super) fn check_separator(header: &csv::StringRecord) -> Result<(), FormatError> {
+    let only = header.get(0).filter(|_| header.len() == 1);
+    let found = only.and_then(|cell| cell.chars().find(|c| [';', '\t'].contains(c)));
+    found.map_or(Ok(()), |separator| {
+        let problem =
+            format!("expected cells separated by commas, found {separator:?}: save it with commas");
+        Err(FormatError::new("header", problem))
+    })
+}
+
 /// A table's bytes. The reader's own count is one short where lines end in CR LF, and is of what lies before
 /// a row: empty lines and comments.
 pub(super) struct Lines<'a> {

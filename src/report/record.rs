@@ -1,7 +1,7 @@
 //! Records: one row per method, scene and threshold, as `results.csv` holds them.
 
 use super::check;
-use super::lines::{Lines, whole};
+use super::lines::{Lines, check_separator, whole};
 use mvs_datasets::FormatError;
 use serde::{Deserialize, Serialize};
 use std::io::{Read, Write};
@@ -323,12 +323,7 @@ fn in_cell(row: &csv::StringRecord, line: usize, error: &csv::Error) -> FormatEr
 }
 
 fn check_header(found: &csv::StringRecord) -> Result<(), FormatError> {
-    let only = found.get(0).filter(|_| found.len() == 1);
-    if let Some(separator) = only.and_then(|cell| cell.chars().find(|c| [';', '\t'].contains(c))) {
-        let problem =
-            format!("expected cells separated by commas, found {separator:?}: save it with commas");
-        return Err(FormatError::new("header", problem));
-    }
+    check_separator(found)?;
     for (index, name) in COLUMNS.into_iter().enumerate() {
         let cell = found.get(index).unwrap_or("nothing");
         if cell != name {
