@@ -1,6 +1,7 @@
 //! A cloud with errors as a few bytes per point, for a page that opens from disk.
 
 use glam::DVec3;
+use mvs_metrics::Usual;
 
 /// Errors are stored up to so many thresholds.
 const REACH: f64 = 3.0;
@@ -15,15 +16,19 @@ pub(super) struct Payload {
     pub(super) middle: [f64; 3],
     /// Points kept.
     pub(super) count: usize,
+    /// Points left out because they lie far from the others, which would be a dot beside them.
+    pub(super) far: usize,
 }
 
 /// Packs at most `most` points: all of them, or every k-th in Morton order, which keeps the cloud's
-/// density where it is. `distances` belong to `positions`; points that are not finite are left out.
+/// density where it is. `distances` belong to `positions`; points that are not finite are left out, and those that
+/// [`Usual`] does not hold.
 pub(super) fn pack(positions: &[DVec3], distances: &[f64], tau: f64, most: usize) -> Payload {
     let finite = |index: &usize| positions[*index].is_finite() && !distances[*index].is_nan();
-    let usable: Vec<usize> = (0..positions.len().min(distances.len()))
+    let usual = Usual::of(positions.iter().copied());
+    let (usable, far): (Vec<usize>, Vec<usize>) = (0..positions.len().min(distances.len()))
         .filter(finite)
-        .collect();
+        .partition(|&index| usual.holds(positions[index]));
     let points = || usable.iter().map(|&index| positions[index]);
     let low = points().fold(DVec3::INFINITY, DVec3::min);
     let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
@@ -49,6 +54,7 @@ pub(super) fn pack(positions: &[DVec3], distances: &[f64], tau: f64, most: usize
         bytes: miniz_oxide::deflate::compress_to_vec_zlib(&planes(&kept), 9),
         middle: half.to_array(),
         count: kept.len(),
+        far: far.len(),
     }
 }
 
@@ -163,6 +169,18 @@ mod tests {
             let error = f64::from(planes[6000 + index]) / 255.0 * 0.06;
             assert!((error - distances[nearest].min(0.06)).abs() <= 0.06 / 500.0);
         }
+    }
+
+    #[test]
+    fn points_far_from_the_others_are_left_out_and_counted() {
+        let mut positions: Vec<DVec3> = (0..1000)
+            .map(|i| DVec3::new(f64::from(i % 40), f64::from(i / 40), 0.0))
+            .collect();
+        let near = pack(&positions, &[0.0; 1000], 1.0, 2000);
+        positions.extend([DVec3::X * 1e3, DVec3::splat(-4e3)]);
+        let all = pack(&positions, &[0.0; 1002], 1.0, 2000);
+        assert_eq!((near.far, all.far), (0, 2));
+        assert_eq!(all, Payload { far: 2, ..near });
     }
 
     #[test]

@@ -6,6 +6,7 @@ use super::html::ErrorCloud;
 use crate::error::Result;
 use glam::{DVec3, dvec3};
 use mvs_datasets::scene::ColorImage;
+use mvs_metrics::Usual;
 
 /// The viewer's first pose: turn and tilt in radians, focal length in half heights, and the part of the
 /// picture that the cloud may reach. `page.js` has the same numbers.
@@ -18,11 +19,13 @@ const GROUND: [u8; 3] = [16, 20, 24];
 const REACH: f64 = 1.0;
 
 /// Draws the cloud from the viewer's first pose, `width` × `height` pixels; nearer points hide
-/// farther ones. Points that are not finite are left out.
+/// farther ones. Points that are not finite are left out, and those far from the others, as [`Usual`] has it.
 pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImage> {
-    let finite = || cloud.positions.iter().filter(|point| point.is_finite());
-    let low = finite().copied().fold(DVec3::INFINITY, DVec3::min);
-    let high = finite().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let usual = Usual::of(cloud.positions.iter().copied());
+    let is_shown = |point: DVec3| point.is_finite() && usual.holds(point);
+    let shown = || cloud.positions.iter().filter(|&&point| is_shown(point));
+    let low = shown().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = shown().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
     let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
     let middle = (low + high) / 2.0;
     let (sy, cy, sp, cp) = (YAW.sin(), YAW.cos(), PITCH.sin(), PITCH.cos());
@@ -33,19 +36,19 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     ];
     let (w, h) = (f64::from(width), f64::from(height));
     let focal = FOCAL * (w / h).min(1.0) * h / 2.0;
-    let places = finite().map(|&position| (position - middle) / extent);
+    let places = shown().map(|&position| (position - middle) / extent);
     let (target, away) = fitted(&axes, places, [2.0 * focal / w, 2.0 * focal / h]);
     #[allow(
         clippy::cast_precision_loss,
         reason = "point counts are far below 2^53"
     )]
-    let spacing = 2.4 * h / (cloud.positions.len().max(1) as f64).sqrt();
+    let spacing = 2.4 * h / (shown().count().max(1) as f64).sqrt();
     let mut image = ColorImage::filled(width, height, GROUND)?;
     let mut nearest = vec![f64::INFINITY; image.values().len()];
     for (&position, &distance) in cloud.positions.iter().zip(cloud.distances) {
         let place = (position - middle) / extent;
         let depth = away - axes[2].dot(place);
-        if !(position.is_finite() && depth > 0.01) {
+        if !(is_shown(position) && depth > 0.01) {
             continue;
         }
         let x = w / 2.0 + focal * (axes[0].dot(place) - target[0]) / depth;
@@ -138,6 +141,26 @@ mod tests {
             (100..400).contains(&lit),
             "five squares of 8 pixels, found {lit}"
         );
+    }
+
+    #[test]
+    fn points_far_from_the_others_change_no_picture() {
+        let mut positions: Vec<DVec3> = (0..1000)
+            .map(|i| dvec3(f64::from(i % 40), f64::from(i / 40), 0.0))
+            .collect();
+        let picture = |positions: &[DVec3]| {
+            let cloud = ErrorCloud {
+                name: "",
+                positions,
+                distances: &vec![0.5; positions.len()],
+                tau: 1.0,
+                unit: "",
+            };
+            draw(&cloud, 200, 100).unwrap()
+        };
+        let near = picture(&positions);
+        positions.extend([DVec3::X * 1e3, DVec3::splat(-4e3)]);
+        assert!(picture(&positions) == near);
     }
 
     #[test]

@@ -87,6 +87,14 @@ pub struct PackedCloud {
 }
 
 impl PackedCloud {
+    /// Says how many points are left out for being far from the others, where any are.
+    fn left_out(&self) -> String {
+        match self.payload.far {
+            0 => String::new(),
+            far => format!(", {far} far from the others left out"),
+        }
+    }
+
     /// The share of `cloud` in a page of `clouds` clouds. Fails when it has not one distance per point
     /// or no threshold.
     pub fn new(cloud: &ErrorCloud<'_>, clouds: usize) -> Result<Self> {
@@ -321,7 +329,10 @@ fn push_clouds(text: &mut String, clouds: &[PackedCloud], still: Option<&[u8]>) 
         let (name, kept, all) = (escaped(&cloud.name), payload.count, cloud.all);
         push(
             &mut options,
-            format_args!("<option value=\"{index}\">{name} ({kept} of {all} points)</option>"),
+            format_args!(
+                "<option value=\"{index}\">{name} ({kept} of {all} points{})</option>",
+                cloud.left_out()
+            ),
         );
         let coded = base64(&payload.bytes);
         push(
@@ -353,7 +364,7 @@ fn push_clouds(text: &mut String, clouds: &[PackedCloud], still: Option<&[u8]>) 
 
 /// What stands in the viewer's place until its script takes over.
 fn push_still(text: &mut String, cloud: &PackedCloud, still: Option<&[u8]>) {
-    let name = escaped(&cloud.name);
+    let (name, left_out) = (escaped(&cloud.name), cloud.left_out());
     let picture = still.map_or_else(String::new, |png| {
         let data = base64(png);
         format!("<img alt=\"{name}, coloured by error\" src=\"data:image/png;base64,{data}\">")
@@ -361,7 +372,7 @@ fn push_still(text: &mut String, cloud: &PackedCloud, still: Option<&[u8]>) {
     push(
         text,
         format_args!(
-            "<figure class=\"fallback\">{picture}<figcaption>{name}. Without scripts and WebGL 2 the \
+            "<figure class=\"fallback\">{picture}<figcaption>{name}{left_out}. Without scripts and WebGL 2 the \
              cloud stands still; the PLY files of this result hold all of it.</figcaption></figure>"
         ),
     );
@@ -436,6 +447,32 @@ mod tests {
             ..empty
         };
         assert!(html(&page).unwrap().len() > MOST_BYTES - 2000);
+    }
+
+    #[test]
+    fn what_a_cloud_leaves_out_is_said() {
+        let mut positions: Vec<DVec3> = (0..400).map(|i| DVec3::X * f64::from(i)).collect();
+        positions.push(DVec3::Y * 1e4);
+        let page_of = |count: usize| {
+            let cloud = ErrorCloud {
+                name: "x",
+                positions: &positions[..count],
+                distances: &vec![0.0; count],
+                tau: 0.5,
+                unit: "",
+            };
+            let clouds = &[PackedCloud::new(&cloud, 1).unwrap()];
+            html(&Page {
+                clouds,
+                ..Page::default()
+            })
+            .unwrap()
+        };
+        assert!(!page_of(400).contains("left out"));
+        let text = page_of(401);
+        let said = "x (400 of 401 points, 1 far from the others left out)</option>";
+        assert!(text.contains(said));
+        assert!(text.contains("<figcaption>x, 1 far from the others left out. "));
     }
 
     #[test]
