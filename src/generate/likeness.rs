@@ -1,6 +1,6 @@
 //! Whether a photograph shows what its view's rendering shows: brightness, tile by tile.
 //!
-//! Means over a view's tiles, from the least view to the likest: .56 to .93 on the real scene (768x576), .94 to
+//! Means over a view's tiles, from the least view to the likest: .56 to .93 on the real scene (768x576), .90 to
 //! 1.00 on the demo's and on five fixture scenes of 96x72 to 768x576 pixels, .33 to .48 where the real renderings are
 //! blurred by 32 pixels, as a mesh of few colours would be. With the photograph of the next view or the one after it
 //! at most .20 on the real scene and .28 on fixtures of 96x72; mirrored or turned at most .07 and .18; from a mesh
