@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests may fail like tests")]
 
 use glam::DVec3;
+use mvs_metrics::align::{IcpOptions, icp, icp_plain};
 use mvs_metrics::distance::{BlockIndex, NearestIndex};
 use mvs_metrics::{Count, Tolerance, distance, downsample};
 
@@ -71,6 +72,45 @@ fn a_million_identical_points() {
     assert_eq!(far[0], 1.0);
     assert_eq!(far[1], DVec3::splat(1e9).distance(point));
     assert_eq!(downsample::voxel(&truth, 1e-3).unwrap().len(), 1);
+}
+
+/// As failed pixels at the origin are, beside a surface: the tree has nodes of one place at several levels.
+#[test]
+fn places_that_many_points_share_are_as_far_as_each_of_them() {
+    let places = [DVec3::ZERO, DVec3::new(0.5, 0.5, 2.0), DVec3::ONE];
+    let mut truth = sheet(11, 4000);
+    for (place, count) in places.into_iter().zip([20_000, 3000, 130]) {
+        truth.extend(std::iter::repeat_n(place, count));
+    }
+    let near = |spread: f64| {
+        let about = sheet(12, 600).into_iter().enumerate();
+        about.map(move |(i, p)| places[i % 3] + (p - DVec3::splat(0.5)) * spread)
+    };
+    let queries: Vec<DVec3> = sheet(13, 3000)
+        .into_iter()
+        .chain(near(1e-3))
+        .chain(near(1.0))
+        .chain(near(100.0))
+        .collect();
+    let count = within(&truth, &queries, 0.01);
+    assert!((600..queries.len()).contains(&count), "{count}");
+    within(&queries, &truth, 0.01);
+    // Two whole nodes of 512 blocks.
+    let two = [places[0], places[2]].map(|place| vec![place; 8192]);
+    within(&two.concat(), &queries, 0.01);
+    let moved: Vec<DVec3> = truth.iter().map(|p| *p + DVec3::splat(0.004)).collect();
+    let options = IcpOptions {
+        max_iterations: 8,
+        ..IcpOptions::new(0.05)
+    };
+    let fast = icp(&moved, &truth, &options).unwrap();
+    let plain = icp_plain(&moved, &truth, &options).unwrap();
+    assert_eq!(
+        (fast.pairs, fast.iterations),
+        (plain.pairs, plain.iterations)
+    );
+    let (fast, plain) = (fast.target_from_source, plain.target_from_source);
+    assert!(fast.abs_diff_eq(plain, 1e-11), "{fast} {plain}");
 }
 
 #[test]

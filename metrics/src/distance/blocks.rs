@@ -118,6 +118,12 @@ pub(super) struct Node {
 }
 
 impl Node {
+    /// Whether all points of a child are in one place, so that any of its blocks says all.
+    #[inline(always)]
+    pub(super) fn is_place(&self, k: usize) -> bool {
+        (0..3).all(|axis| self.min[axis][k] == self.max[axis][k])
+    }
+
     fn over(children: &[Corners]) -> Self {
         let child = |k: usize| children.get(k).copied().unwrap_or(NOWHERE);
         Self {

@@ -112,7 +112,11 @@ pub(super) fn walk<C: Coordinate>(
                 stack[place] = stack[place - 1];
                 place -= 1;
             }
-            let index = (number * FANOUT + k) as u32;
+            let child = (number * FANOUT + k) as u32;
+            let (level, index) = match node.is_place(k) {
+                true => (0, child * (FANOUT as u32).pow(level)),
+                false => (level, child),
+            };
             stack[place] = Visit { gap, level, index };
             waiting += 1;
             open &= open - 1;
