@@ -341,7 +341,8 @@ fn lead(tables: &[Table], folders: usize, whole: usize) -> String {
         ));
     }
     format!(
-        "Records of different protocols, profiles or thresholds stand in tables of their own: {} \
+        "Records of different protocols or profiles, or of one scene's different thresholds, stand in tables of their \
+         own: {} \
          here. Scores are in percent, the best bold, the second best underlined; – is a missing \
          scene, † a score that does not count (a gate failed, or it is against another truth than most); a \
          method with either has no mean and no rank.{more}",
