@@ -95,9 +95,14 @@ fn places_that_many_points_share_are_as_far_as_each_of_them() {
     let count = within(&truth, &queries, 0.01);
     assert!((600..queries.len()).contains(&count), "{count}");
     within(&queries, &truth, 0.01);
-    // Two whole nodes of 512 blocks.
-    let two = [places[0], places[2]].map(|place| vec![place; 8192]);
-    within(&two.concat(), &queries, 0.01);
+    // Two whole nodes of 512 blocks; and as queries, whole groups that are searched together.
+    let two = |count: usize| {
+        [places[0], places[2]]
+            .map(|place| vec![place; count])
+            .concat()
+    };
+    within(&two(8192), &queries, 0.01);
+    within(&queries, &two(128 * 65), 0.01);
     let moved: Vec<DVec3> = truth.iter().map(|p| *p + DVec3::splat(0.004)).collect();
     let options = IcpOptions {
         max_iterations: 8,

@@ -372,6 +372,8 @@ impl wide::Task for Search<'_> {
     #[inline(always)]
     fn run(self, width: impl wide::Width) {
         let mut neighbourhood = Neighbourhood::new();
+        // Where many queries share a place, it and its answer: all come with the same bound.
+        let mut answered: Option<(DVec3, f64)> = None;
         let several = self.blocks.chunks(TOGETHER);
         for (blocks, found) in several.zip(self.found.chunks_mut(TOGETHER)) {
             let group = |k: usize| {
@@ -379,6 +381,12 @@ impl wide::Task for Search<'_> {
                 (block, block.bounds())
             };
             let groups: [_; TOGETHER] = std::array::from_fn(group);
+            let (min, max) = union(&groups.map(|(_, corners)| corners));
+            let is_place = min == max;
+            if let Some((_, square)) = answered.filter(|&(place, _)| is_place && place == min) {
+                found.as_flattened_mut().fill(square);
+                continue;
+            }
             let squares = |k: usize| Squares {
                 best: found[k.min(found.len() - 1)],
             };
@@ -388,6 +396,7 @@ impl wide::Task for Search<'_> {
             for (found, squares) in found.iter_mut().zip(squares) {
                 *found = squares.best;
             }
+            answered = is_place.then(|| (min, found[0][0]));
         }
     }
 }
