@@ -36,6 +36,14 @@ impl Usual {
         }
     }
 
+    /// The box with so much more room on each side.
+    pub fn grown(self, by: f64) -> Self {
+        Self {
+            min: self.min - by,
+            max: self.max + by,
+        }
+    }
+
     /// Whether the point lies in the box.
     pub fn holds(&self, point: DVec3) -> bool {
         self.min.cmple(point).all() && point.cmple(self.max).all()
@@ -73,6 +81,8 @@ mod tests {
         assert_eq!(stretched, expected);
         assert!(line(1000).all(|point| stretched.holds(point)));
         assert!(far.into_iter().all(|point| !stretched.holds(point)));
+        let beyond = DVec3::X * 1975.0;
+        assert!(!stretched.holds(beyond) && stretched.grown(10.0).holds(beyond));
     }
 
     #[test]

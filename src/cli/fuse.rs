@@ -298,10 +298,7 @@ pub(crate) fn execute(job: &FuseJob, global: &Global) -> anyhow::Result<Verdict>
             ("points", outcome.points.to_string()),
             ("pixels", counts.pixels.to_string()),
             ("without a depth", counts.empty.to_string()),
-            (
-                "below the confidence threshold",
-                counts.unconfident.to_string(),
-            ),
+            ("of too little confidence", counts.unconfident.to_string()),
             ("too few views agree", counts.inconsistent.to_string()),
             ("contradicted", counts.contradicted.to_string()),
             ("filled in from others", counts.filled.to_string()),

@@ -14,7 +14,7 @@ pub struct FuseCounts {
     pub masked: u64,
     /// Pixels with a depth outside of the depth range.
     pub out_of_range: u64,
-    /// Pixels below the confidence threshold.
+    /// Pixels of too little confidence.
     pub unconfident: u64,
     /// Pixels on which too few sources agree.
     pub inconsistent: u64,

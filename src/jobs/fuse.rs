@@ -364,7 +364,7 @@ fn visible_path(out: &Path) -> PathBuf {
 fn nothing(job: &FuseJob, views: usize, counts: &FuseCounts) -> Error {
     let problem = format!(
         "no pixel of {views} depth maps passed: {} empty, {} masked, {} out of the depth range, {} \
-         below the confidence threshold, {} without enough agreeing views, {} contradicted, {} \
+         of too little confidence, {} without enough agreeing views, {} contradicted, {} \
          outside of the bounds",
         counts.empty,
         counts.masked,

@@ -321,7 +321,8 @@ fn drift(evaluation: &Evaluation, tolerance: Tolerance) -> f64 {
     let side = &evaluation.reconstruction;
     let near = side.points.iter().zip(&side.distances);
     // A single pair far out would have as much weight in the fit as all others together, and would move farthest.
-    let usual = Usual::of(evaluation.truth.points.iter());
+    // What has its nearest point in reach of the rest of the truth is no such pair.
+    let usual = Usual::of(evaluation.truth.points.iter()).grown(reach);
     let near: Vec<DVec3> = near
         .filter(|&(point, &distance)| distance < reach && usual.holds(point))
         .map(|(point, _)| point)

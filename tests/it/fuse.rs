@@ -210,10 +210,7 @@ fn refusals_are_one_sentence_and_leave_nothing_behind() {
     let mut job = write_scene(&scene, Some(&DepthNoise::default()), folder.path());
     job.fuse.min_confidence = 2.0;
     let message = fuse(&job, false).unwrap_err().to_string();
-    assert!(
-        message.contains("below the confidence threshold"),
-        "{message}"
-    );
+    assert!(message.contains("of too little confidence"), "{message}");
     assert!(!job.out.exists());
     let leftover = |entry: &std::fs::DirEntry| entry.file_name().to_string_lossy().starts_with('.');
     let entries = std::fs::read_dir(folder.path())

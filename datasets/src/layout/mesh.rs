@@ -181,7 +181,9 @@ fn meshes_in(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
 fn check_stems(folder: &Path, files: &[PathBuf]) -> Result<()> {
     let mut stems = BTreeMap::new();
     for path in files {
-        if let Some(other) = stems.insert(path.file_stem(), path) {
+        if let Some(other) = stems.insert(path.file_stem(), path)
+            && extension_of(other) != extension_of(path)
+        {
             let problem = format!(
                 "expected each mesh once, found {} and {}, one model in two formats perhaps: name the one that is \
                  meant, or a pattern (*.obj)",

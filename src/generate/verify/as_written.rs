@@ -43,8 +43,8 @@ pub(super) fn check(folder: &BlendedFolder) -> Result<Vec<Finding>, mvs_datasets
         .collect())
 }
 
-/// A fault for each view whose photograph did not match when the scene was made: images, which are made from
-/// both, cannot show it afterwards.
+/// A fault for each view whose photograph did not match when the scene was made, advice where very coarse colours of the
+/// mesh could be why: images, which are made from both, cannot show it afterwards.
 fn unlike(record: &SceneFile) -> Vec<Finding> {
     let views = record.views.iter();
     let unlike = views.filter_map(|view| {
@@ -55,7 +55,11 @@ fn unlike(record: &SceneFile) -> Vec<Finding> {
             "expected a photograph that shows what the rendering shows, found another: {}",
             likeness::explained(found)
         );
-        Some(Finding::fault(
+        let finding = match likeness::is_surely_unlike(found) {
+            true => Finding::fault,
+            false => Finding::advice,
+        };
+        Some(finding(
             likeness::CODE,
             format!("view {}", view.id),
             message,

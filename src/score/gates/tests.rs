@@ -209,6 +209,20 @@ fn a_point_far_out_in_both_clouds_does_not_turn_noise_into_drift() {
     }
 }
 
+#[test]
+fn a_cloud_farther_off_than_the_truth_is_long_is_out_of_place() {
+    let sheet = |z: f64| {
+        let at = |i: u32| DVec3::new(f64::from(i % 50) / 50.0, f64::from(i / 50) / 50.0, z);
+        FinitePoints::new((0..2500).map(at).collect())
+    };
+    let compared = plain::evaluate(&sheet(1.2), None, &sheet(0.0), &Preparation::default());
+    let gate = of_tolerances(&compared.unwrap(), Tolerance::new(0.3).unwrap()).unwrap();
+    assert!(
+        !gate.passed && gate.message.contains("out of place"),
+        "{gate:?}"
+    );
+}
+
 fn crop_gate(reconstruction: &FinitePoints) -> Gate {
     let bounds = |points: &FinitePoints| Aabb::around(points.positions().iter().copied());
     let evaluation = compared(reconstruction, true);
