@@ -138,9 +138,7 @@ fn image_folder(path: &Path) -> PathBuf {
 
 /// The depth maps of the scene whose images the folder holds, if they are there.
 fn depth_folder(images: &Path) -> Option<PathBuf> {
-    let scene = images
-        .parent()
-        .filter(|_| images.ends_with("blended_images"))?;
+    let scene = files::above(images, "blended_images")?;
     Some(scene.join("rendered_depth_maps")).filter(|depths| depths.is_dir())
 }
 

@@ -6,6 +6,7 @@ use crate::parallel;
 use glam::DVec3;
 use mvs_datasets::layout::mesh::{self, LoadedMesh, ReadOptions};
 use mvs_datasets::scene::{Material, Mesh};
+use mvs_metrics::stats;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -55,13 +56,10 @@ fn warn_of_far(mesh: &Mesh, context: &Context<'_>) {
         let some = (0..count).step_by(count.div_ceil(1000));
         some.map(|triangle| mesh.corners(triangle)[0])
     };
-    let middle = |values: &mut Vec<f64>| {
-        values.sort_unstable_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let axis = |k: usize| middle(&mut corners().map(|corner| corner[k]).collect());
+    let middle = |values: Vec<f64>| stats::median(&values).unwrap_or(0.0);
+    let axis = |k: usize| middle(corners().map(|corner| corner[k]).collect());
     let center = DVec3::new(axis(0), axis(1), axis(2));
-    let usual = middle(&mut corners().map(|corner| corner.distance(center)).collect());
+    let usual = middle(corners().map(|corner| corner.distance(center)).collect());
     let reach = mesh.bounds().size().length();
     if usual > 0.0 && reach > FAR * usual {
         let message = format!(

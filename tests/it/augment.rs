@@ -288,6 +288,16 @@ fn a_scene_s_masks_are_those_of_its_depth_maps() {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let read = |name: &str| files::read_image(&out.join(name)).unwrap();
     let (whole, masked) = (read("00000002.png"), read("00000002_masked.png"));
+    // However the folder is given.
+    let inside = assert_cmd::Command::new(assert_cmd::cargo::cargo_bin!("mvs-eval"))
+        .current_dir(scene.join("blended_images"))
+        .args(["augment", "--images", ".", "--seed", "7", "--out"])
+        .arg(folder.path().join("inside"))
+        .output()
+        .unwrap();
+    assert_eq!(inside.status.code(), Some(0), "{}", stderr(&inside));
+    let path = folder.path().join("inside/00000002_masked.png");
+    assert_eq!(files::read_image(&path).unwrap(), masked);
     assert!(whole.values().iter().any(|pixel| *pixel != [120; 3]));
     for (at, (whole, masked)) in (0..).zip(whole.values().iter().zip(masked.values())) {
         let expected = if shown(at) { *whole } else { [0; 3] };

@@ -11,7 +11,7 @@ use glam::DVec3;
 use std::ffi::{OsStr, OsString};
 use std::fs::{DirEntry, TryLockError};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What the names of temporary files begin with; what an ended process leaves of them may go. The name of
 /// the file to be follows, and some letters that are drawn.
@@ -37,6 +37,16 @@ pub fn folder_of(path: &Path) -> &Path {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     }
+}
+
+/// The folder that `folder` lies in if it is called `name`, also where it is given as `.`.
+pub fn above(folder: &Path, name: &str) -> Option<PathBuf> {
+    let real = match folder.file_name() {
+        Some(_) => folder.to_path_buf(),
+        None => folder.canonicalize().ok()?,
+    };
+    let is_named = real.ends_with(name);
+    real.parent().filter(|_| is_named).map(Path::to_path_buf)
 }
 
 /// As [`write_atomically`], with the temporary file in `folder`, which is on the same file system.

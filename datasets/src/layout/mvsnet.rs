@@ -110,12 +110,7 @@ fn pairs_beside(given: &Path, cams: &Path) -> Option<PathBuf> {
 
 /// The folder that a folder called `cams` lies in, also where that is given as `.`.
 pub fn above(cams: &Path) -> Option<PathBuf> {
-    let real = match cams.file_name() {
-        Some(_) => cams.to_path_buf(),
-        None => cams.canonicalize().ok()?,
-    };
-    let is_named = real.ends_with("cams");
-    real.parent().filter(|_| is_named).map(Path::to_path_buf)
+    files::above(cams, "cams")
 }
 
 /// The folder that holds cams, and its cams by view id.
