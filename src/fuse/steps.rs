@@ -24,12 +24,12 @@ pub(super) struct Steps {
     /// Of the source being heard, how many steps wide the bounds must be, squared; what is beyond the widest
     /// as if just so.
     squares: [f32; BLOCK],
-    /// Sources that meet the bounds of each step, of those heard last: all of a block in one vector.
-    recent: [[u8; BLOCK]; STEPS.len()],
-    /// How many were heard last.
-    heard: u8,
-    /// Sources heard before those that meet the bounds of each step.
-    meets: [[u32; BLOCK]; STEPS.len()],
+    /// Sources that meet the bounds of each step, as far as that matters: all of a block in one vector.
+    meets: [[u8; BLOCK]; STEPS.len()],
+    /// The most that any of them can be.
+    most: u8,
+    /// Those of the widest step that were left out.
+    more: [u32; BLOCK],
 }
 
 impl Steps {
@@ -37,9 +37,9 @@ impl Steps {
         Self {
             per_depth: [0.0; BLOCK],
             squares: [0.0; BLOCK],
-            recent: [[0; BLOCK]; _],
-            heard: 0,
             meets: [[0; BLOCK]; _],
+            most: 0,
+            more: [0; BLOCK],
         }
     }
 
@@ -55,9 +55,9 @@ impl Steps {
                 f32::MAX
             };
         }
-        self.recent = [[0; BLOCK]; _];
-        self.heard = 0;
         self.meets = [[0; BLOCK]; _];
+        self.most = 0;
+        self.more = [0; BLOCK];
     }
 
     /// Notes how many steps wide a source's bounds must be, squared; whether any is.
@@ -81,39 +81,44 @@ impl Steps {
             let square = (STEPS[at] * STEPS[at]) as u8;
             for i in 0..BLOCK {
                 let meets = whole[i] < square;
-                self.recent[at][i] += u8::from(meets);
+                self.meets[at][i] += u8::from(meets);
             }
         }
-        self.heard += 1;
-        if self.heard == u8::MAX {
-            self.settle();
+        self.most += 1;
+        if self.most == u8::MAX {
+            self.lower();
         }
     }
 
-    /// Adds those heard last to the others.
+    /// Makes room: whether a step is met does not hang on more than are asked for.
     #[inline(always)]
-    fn settle(&mut self) {
+    fn lower(&mut self) {
         for at in 0..STEPS.len() {
             for i in 0..BLOCK {
-                self.meets[at][i] += u32::from(self.recent[at][i]);
+                let kept = self.meets[at][i].min(WIDEST as u8);
+                if at == STEPS.len() - 1 {
+                    self.more[i] += u32::from(self.meets[at][i] - kept);
+                }
+                self.meets[at][i] = kept;
             }
         }
-        self.recent = [[0; BLOCK]; _];
-        self.heard = 0;
+        self.most = WIDEST as u8;
     }
 
     /// After all sources: how many meet the bounds of the widest step, and whether those of some step are met
     /// by as many sources.
     #[inline(always)]
-    pub(super) fn decide(&mut self) -> ([u32; BLOCK], [bool; BLOCK]) {
-        self.settle();
-        let mut enough = [false; BLOCK];
+    pub(super) fn decide(&self) -> ([u32; BLOCK], [bool; BLOCK]) {
+        let (mut count, mut enough) = ([0; BLOCK], [false; BLOCK]);
+        for i in 0..BLOCK {
+            count[i] = self.more[i] + u32::from(self.meets[STEPS.len() - 1][i]);
+        }
         for at in 0..STEPS.len() {
             for i in 0..BLOCK {
-                enough[i] |= self.meets[at][i] >= u32::from(STEPS[at]);
+                enough[i] |= self.meets[at][i] >= STEPS[at] as u8;
             }
         }
-        (self.meets[STEPS.len() - 1], enough)
+        (count, enough)
     }
 }
 
