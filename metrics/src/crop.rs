@@ -141,6 +141,9 @@ impl Slabs {
 impl Prism {
     /// The prism along `axis` (0, 1 or 2) with `min ≤ x_axis ≤ max`, both included, and a
     /// `polygon` over the two other axes in ascending order, at least three vertices, all finite.
+    ///
+    /// # Errors
+    /// Another axis, bounds that are NaN or crossed, fewer than three vertices, and vertices that are not finite.
     pub fn new(axis: usize, (min, max): (f64, f64), polygon: &[DVec2]) -> Result<Self> {
         let (u, v) = match axis {
             0 => (1, 2),

@@ -14,6 +14,9 @@ pub struct DepthPlanes {
 
 impl DepthPlanes {
     /// Planes with 0 < `min` < `max`, both finite, and `count` ≥ 3.
+    ///
+    /// # Errors
+    /// A `min` that is not above 0, a `max` that is not finite and above it, and fewer than 3 planes.
     pub fn new(min: f64, max: f64, count: u32) -> Result<Self> {
         if !(min > 0.0 && min < max && max.is_finite()) || count < 3 {
             let problem =
@@ -86,6 +89,9 @@ impl DepthFit {
 
     /// Fits two maps of z-depths over the pixels whose truth counts and that have an estimate; the
     /// identity where there is none. Estimates that are all the same are shifted, not scaled.
+    ///
+    /// # Errors
+    /// Maps of different lengths.
     pub fn new(
         truth: &[f32],
         estimate: &[f32],
@@ -166,12 +172,18 @@ pub struct DepthErrors {
 
 impl DepthErrors {
     /// Compares two maps of z-depths in world units, pixel by pixel; 0 stands for none on both sides,
-    /// and so do NaN, infinite and negative estimates. An error where the lengths differ.
+    /// and so do NaN, infinite and negative estimates.
+    ///
+    /// # Errors
+    /// Maps of different lengths.
     pub fn new(truth: &[f32], estimate: &[f32], planes: &DepthPlanes) -> Result<Self> {
         Self::aligned(truth, estimate, planes, &DepthFit::IDENTITY)
     }
 
     /// As [`DepthErrors::new`], of estimates that `fit` has aligned.
+    ///
+    /// # Errors
+    /// Maps of different lengths.
     pub fn aligned(
         truth: &[f32],
         estimate: &[f32],
@@ -220,11 +232,13 @@ impl DepthErrors {
     /// pixel left out. 0 is a confidence that orders pixels as their errors do. Equally confident
     /// pixels stand for their mean error, so their order does not matter; NaN is least confident.
     ///
-    /// `confidence` has the maps' length, an error where not; larger is surer. `None` where no pixel was
-    /// compared.
+    /// `confidence` has the maps' length; larger is surer. `None` where no pixel was compared.
     ///
     /// Ilg et al. 2018 (Uncertainty Estimates and Multi-Hypotheses Networks for Optical Flow),
     /// with depth errors and not normalised.
+    ///
+    /// # Errors
+    /// A `confidence` of another length than the maps'.
     pub fn ause(&self, confidence: &[f32]) -> Result<Option<f64>> {
         if self.size != confidence.len() {
             let (expected, found) = (self.size, confidence.len());

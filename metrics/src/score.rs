@@ -16,6 +16,9 @@ const COUNTED: usize = 1 << 16;
 
 impl Count {
     /// `within` of `total` points; `within ≤ total`.
+    ///
+    /// # Errors
+    /// More points within than in all.
     pub fn new(within: usize, total: usize) -> Result<Self> {
         if within <= total {
             return Ok(Self { within, total });

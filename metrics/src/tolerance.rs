@@ -10,6 +10,9 @@ pub struct Tolerance(f64);
 
 impl Tolerance {
     /// A tolerance of `distance` world units.
+    ///
+    /// # Errors
+    /// A distance that is not from 1e-150 to 1e150.
     pub fn new(distance: f64) -> Result<Self> {
         if (1e-150..=1e150).contains(&distance) {
             return Ok(Self(distance));

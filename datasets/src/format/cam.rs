@@ -37,6 +37,10 @@ impl CamFile {
 
 /// Reads a `cam.txt`. Line breaks and blanks may be anywhere between the numbers; all numbers are
 /// finite; the last row of K is 0 0 1.
+///
+/// # Errors
+/// A keyword or number that is missing or another, a number that is not finite, another last row of K, one number
+/// alone after it, and more than four.
 pub fn read(text: &str) -> Result<CamFile, FormatError> {
     let mut words = Words::new(text, None);
     words.keyword("extrinsic")?;
@@ -71,8 +75,11 @@ pub fn read(text: &str) -> Result<CamFile, FormatError> {
 /// Writes a `cam.txt` in the form that the strictest public loaders accept: four numbers on the
 /// last line, no trailing space, shortest decimal digits that read back to the same number.
 ///
-/// A tail of two or three numbers is completed as [`CamFile::depth_range`] reads it; without a tail
-/// there is nothing to write and the answer is [`ErrorKind::InvalidInput`].
+/// A tail of two or three numbers is completed as [`CamFile::depth_range`] reads it.
+///
+/// # Errors
+/// A tail of fewer than two numbers, of which there is nothing to write ([`ErrorKind::InvalidInput`]), and what
+/// writing to `out` brings.
 pub fn write(out: &mut impl Write, cam: &CamFile) -> std::io::Result<()> {
     let Some((min, max)) = cam.depth_range() else {
         let problem = "a cam.txt needs a depth range";

@@ -18,8 +18,11 @@ struct WireVolume {
     bounding_polygon: Vec<[f64; 3]>,
 }
 
-/// Reads a polygon volume. Where Open3D turns a bad file into an empty crop, this is an error:
-/// another class name or version, no or an unknown axis, fewer than three corners, crossed bounds.
+/// Reads a polygon volume. Where Open3D turns a bad file into an empty crop, this is an error.
+///
+/// # Errors
+/// No JSON with these fields, another class name or version, no or an unknown axis, fewer than three corners, crossed
+/// bounds.
 pub fn read(json: &str) -> Result<CropVolume, FormatError> {
     let wire: WireVolume = serde_json::from_str(json).map_err(no_json)?;
     if wire.class_name.as_deref() != Some(CLASS_NAME) {
@@ -68,6 +71,9 @@ fn unexpected(field: &str, expected: &str, found: Option<String>) -> FormatError
 }
 
 /// Writes a polygon volume that Open3D reads; the corners' coordinate on the axis is 0.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, volume: &CropVolume) -> std::io::Result<()> {
     let axis = volume.axis();
     let (u, v) = axis.others();

@@ -18,6 +18,11 @@ const MOST_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// Reads a JPEG or PNG (told apart by content) as RGB; alpha is dropped, grey is spread, 16 bits
 /// become 8.
+///
+/// # Errors
+/// Bytes that are no JPEG or PNG, are cut short or damaged (inside a JPEG that is not plain damage may pass), or
+/// state more than 2²⁹ pixels or more than so few bytes can hold; JPEGs with components in scans of their own that
+/// are not progressive, or with chroma finer than brightness.
 pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
     match jpeg::decode(bytes, most_pixels(bytes), Window::whole)? {
         Some((_, image)) => Ok(image),
@@ -27,6 +32,9 @@ pub fn read_color(bytes: &[u8]) -> Result<ColorImage, FormatError> {
 
 /// Of a JPEG or PNG, read as [`read_color`] does, its width and height, and the pixels in the window that
 /// `wanted` answers to them. Of plain JPEGs no other pixels are made.
+///
+/// # Errors
+/// As [`read_color`], and a window that is empty or reaches beyond the image.
 pub fn read_color_part(
     bytes: &[u8],
     wanted: impl Fn((u32, u32)) -> Window,
@@ -63,6 +71,9 @@ fn read_other(bytes: &[u8]) -> Result<ColorImage, FormatError> {
 }
 
 /// Reads a JPEG or PNG as one channel; colours become their luminance.
+///
+/// # Errors
+/// As [`read_color`], but that damage inside the coded data of a JPEG may pass.
 pub fn read_gray(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
     let gray = decode(bytes)?.into_luma8();
     let (width, height) = gray.dimensions();
@@ -70,6 +81,9 @@ pub fn read_gray(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
 }
 
 /// Reads the opacity of a JPEG or PNG: its alpha channel, `None` where it has none.
+///
+/// # Errors
+/// As [`read_gray`].
 pub fn read_alpha(bytes: &[u8]) -> Result<Option<Raster<u8>>, FormatError> {
     let image = decode(bytes)?;
     if !image.color().has_alpha() {
@@ -83,6 +97,9 @@ pub fn read_alpha(bytes: &[u8]) -> Result<Option<Raster<u8>>, FormatError> {
 }
 
 /// The (width, height) that a JPEG or PNG states, without decoding it.
+///
+/// # Errors
+/// Bytes that are no JPEG or PNG, or that end or are wrong before the size is known.
 pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     let format = format_of(bytes)?;
     let reader = ImageReader::with_format(Cursor::new(bytes), format);
@@ -91,6 +108,9 @@ pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
 
 /// The EXIF orientation that a JPEG or PNG states, 1 to 8; 1, upright as stored, where it states none.
 /// The head of a file is enough.
+///
+/// # Errors
+/// Bytes that are no JPEG or PNG, and a head that cannot be read, unless it is a JPEG's without EXIF.
 pub fn read_orientation(bytes: &[u8]) -> Result<u8, FormatError> {
     let format = format_of(bytes)?;
     if format == ImageFormat::Jpeg && !may_have_exif(bytes) {
@@ -178,17 +198,26 @@ fn undecodable(error: ImageError) -> FormatError {
 }
 
 /// Writes an RGB PNG.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_png(out: &mut impl Write, image: &ColorImage) -> std::io::Result<()> {
     let bytes = image.values().as_flattened();
     encode_png(out, bytes, image.size(), ExtendedColorType::Rgb8)
 }
 
 /// Writes a one-channel PNG.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_gray_png(out: &mut impl Write, image: &Raster<u8>) -> std::io::Result<()> {
     encode_png(out, image.values(), image.size(), ExtendedColorType::L8)
 }
 
 /// Writes a mask as a one-channel PNG of 0 and 255.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_mask_png(out: &mut impl Write, mask: &Mask) -> std::io::Result<()> {
     write_gray_png(out, &mask.map(|&counts| if counts { 255 } else { 0 }))
 }
@@ -208,6 +237,9 @@ fn encode_png(
 }
 
 /// Writes a baseline JFIF JPEG without EXIF. Sides are at most 65,535 pixels.
+///
+/// # Errors
+/// Longer sides ([`std::io::ErrorKind::InvalidInput`]), and what writing to `out` brings.
 pub fn write_jpeg(
     out: &mut impl Write,
     image: &ColorImage,

@@ -33,6 +33,9 @@ pub struct Mapping {
 }
 
 /// Reads a `.log`: per pose three integers and a 4×4 camera-to-world matrix.
+///
+/// # Errors
+/// No poses, and a number that is missing, not whole among the three, or not finite in the matrix.
 pub fn read(text: &str) -> Result<Vec<LogPose>, FormatError> {
     let mut words = Words::new(text, None);
     let mut poses = Vec::new();
@@ -62,6 +65,9 @@ fn read_pose(words: &mut Words<'_>, index: usize) -> Result<LogPose, FormatError
 }
 
 /// Writes a `.log` with the shortest digits that read back to the same numbers.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, poses: &[LogPose]) -> std::io::Result<()> {
     for pose in poses {
         let [first, second, third] = pose.metadata;
@@ -73,6 +79,10 @@ pub fn write(out: &mut impl Write, poses: &[LogPose]) -> std::io::Result<()> {
 
 /// Reads a mapping file: the count of sampled images, the count of video frames, then per image its
 /// id and its video frame.
+///
+/// # Errors
+/// A number that is missing or not whole, video frames that are not ascending from 1 to their count, and another
+/// count of images than the first line says.
 pub fn read_mapping(text: &str) -> Result<Mapping, FormatError> {
     let mut words = Words::new(text, None);
     let images: usize = words.integer("the count of sampled images")?;

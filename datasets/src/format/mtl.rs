@@ -32,6 +32,10 @@ pub struct MtlTexture {
 }
 
 /// Reads all materials in order. Statements before the first `newmtl` and unknown ones are skipped.
+///
+/// # Errors
+/// UTF-16, zero bytes in the first 1024, and a `Kd` that is neither one nor three finite numbers, `spectral` nor
+/// `xyz`.
 pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
     let mut materials: Vec<MtlMaterial> = Vec::new();
     for (number, line) in lines(&plain(bytes)?) {

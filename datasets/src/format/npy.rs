@@ -6,6 +6,9 @@ use std::io::Write;
 const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
 
 /// Writes a table of `rows` × `columns` values, row-major. Their count must be the product.
+///
+/// # Errors
+/// Another count of values ([`std::io::ErrorKind::InvalidInput`]), and what writing to `out` brings.
 pub fn write_f32(
     out: &mut impl Write,
     (rows, columns): (usize, usize),
@@ -35,6 +38,10 @@ pub fn write_f32(
 }
 
 /// Reads what [`write_f32`] writes: ((rows, columns), values).
+///
+/// # Errors
+/// Another version, a header that is cut short or no text, numbers that are not little-endian f32 in row order, a
+/// shape that is not two numbers, and another length than these say.
 pub fn read_f32(bytes: &[u8]) -> Result<((usize, usize), Vec<f32>), FormatError> {
     let bad = |problem: &str| FormatError::new("header", problem);
     let rest = bytes

@@ -17,6 +17,10 @@ pub struct PairEntry {
 
 /// Reads a `pair.txt`: the count of views, then per view its id and `n id score id score …`. Ids
 /// are distinct, scores finite and ≥ 0. Whether the views exist is for the caller to check.
+///
+/// # Errors
+/// A number that is missing or none, an id of an entry twice, a score below 0 or not finite, and text after the last
+/// entry that is promised.
 pub fn read(text: &str) -> Result<Vec<PairEntry>, FormatError> {
     let mut words = Words::new(text, None);
     let count: usize = words.integer("the count of views")?;
@@ -56,6 +60,9 @@ fn read_sources(words: &mut Words<'_>, reference: u32) -> Result<Vec<SourceScore
 }
 
 /// Writes a `pair.txt` without trailing blanks, scores with the shortest digits that read back.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, pairs: &[PairEntry]) -> std::io::Result<()> {
     writeln!(out, "{}", pairs.len())?;
     for entry in pairs {

@@ -25,6 +25,10 @@ struct Header {
 
 /// Reads a PFM of either kind and endianness. The scale's magnitude is not applied. Values are as
 /// stored: they may be NaN or infinite.
+///
+/// # Errors
+/// No `Pf` or `PF`, a width, height or scale that is missing or none, a scale that is 0 or not finite, no pixels, and
+/// another count of bytes after the header than these say.
 pub fn read(bytes: &[u8]) -> Result<Pfm, FormatError> {
     let (header, body) = read_whole(bytes)?;
     if header.big_endian {
@@ -59,6 +63,9 @@ const RUN: usize = 64;
 /// `take` makes of them is overwritten by the next.
 ///
 /// `passed` is given all bytes of the file, in pieces one after the other, each soon after it was looked at.
+///
+/// # Errors
+/// Three channels, another size, and the headers and counts of bytes that [`read`] refuses.
 pub fn gray_runs(
     bytes: &[u8],
     size: (u32, u32),
@@ -117,6 +124,9 @@ fn is_zero(bytes: &[u8]) -> bool {
 }
 
 /// The values of one row in `every` so many of a one-channel PFM of this size, as stored; the others are not looked at.
+///
+/// # Errors
+/// As [`gray_runs`].
 pub fn gray_rows(bytes: &[u8], size: (u32, u32), every: usize) -> Result<Vec<f32>, FormatError> {
     let (header, body) = read_gray_of(bytes, size)?;
     let rows = body.chunks_exact((4 * size.0 as usize).max(1));
@@ -132,6 +142,9 @@ pub fn gray_rows(bytes: &[u8], size: (u32, u32), every: usize) -> Result<Vec<f32
 /// Puts the `wanted` columns of every row, numbered from the top, of a one-channel PFM of this size where they
 /// belong in `to`, which is row-major. Values are as stored; what is not wanted is not looked at. `passed` is as
 /// for [`gray_runs`].
+///
+/// # Errors
+/// As [`gray_runs`].
 pub fn gray_parts(
     bytes: &[u8],
     size: (u32, u32),
@@ -197,6 +210,9 @@ fn values(
 }
 
 /// The (width, height) that a PFM states, without reading its values.
+///
+/// # Errors
+/// No `Pf` or `PF`, a width, height or scale that is missing or none, and a scale that is 0 or not finite.
 pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     let (header, _) = read_header(bytes)?;
     Ok((header.width, header.height))
@@ -217,6 +233,9 @@ fn raster<T, const N: usize>(
 }
 
 /// Reads a one-channel PFM.
+///
+/// # Errors
+/// As [`read`], and three channels.
 pub fn read_gray(bytes: &[u8]) -> Result<Raster<f32>, FormatError> {
     match read(bytes)? {
         Pfm::Gray(raster) => Ok(raster),
@@ -292,11 +311,17 @@ fn number<T: std::str::FromStr>(rest: &mut &[u8], expected: &str) -> Result<T, F
 }
 
 /// Writes a little-endian `Pf` with scale -1.000000.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_gray(out: &mut impl Write, raster: &Raster<f32>) -> std::io::Result<()> {
     write_rows(out, "Pf", raster, |&value| value.to_le_bytes())
 }
 
 /// Writes a little-endian `PF` with scale -1.000000.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_color(out: &mut impl Write, raster: &Raster<[f32; 3]>) -> std::io::Result<()> {
     write_rows(out, "PF", raster, |&[r, g, b]| {
         let mut bytes = [0; 12];

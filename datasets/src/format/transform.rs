@@ -6,6 +6,9 @@ use glam::DMat4;
 use std::io::Write;
 
 /// Reads sixteen finite numbers, row by row. Blank lines and lines starting with `#` are skipped.
+///
+/// # Errors
+/// Fewer or more than sixteen numbers, and one that is not finite.
 pub fn read(text: &str) -> Result<DMat4, FormatError> {
     let mut words = Words::new(text, Some('#'));
     let rows = words.numbers::<16>("a 4x4 matrix")?;
@@ -14,6 +17,9 @@ pub fn read(text: &str) -> Result<DMat4, FormatError> {
 }
 
 /// Writes four lines of four numbers with the shortest digits that read back to the same number.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, matrix: &DMat4) -> std::io::Result<()> {
     for row in 0..4 {
         let [x, y, z, w] = matrix.row(row).to_array();

@@ -25,7 +25,11 @@ pub struct Frame {
 }
 
 /// Writes a `transforms.json` of frames with size, focal lengths and principal point, every frame
-/// with its own camera. An error says which lens the format has no words for.
+/// with its own camera.
+///
+/// # Errors
+/// Names the frame that lacks size, focal lengths or principal point, or whose lens the format has no words for:
+/// thin-prism, field-of-view, and k4 to k6 that are not 0.
 pub fn write(frames: &[Frame]) -> Result<String, String> {
     let fisheye = |frame: &Frame| matches!(frame.distortion, Distortion::Fisheye { .. });
     let written = frames.iter().map(wire_of).collect::<Result<Vec<_>, _>>()?;
@@ -321,6 +325,11 @@ pub type Read = (Vec<Frame>, Vec<String>);
 /// Reads a `transforms.json`. Values of a frame win over those of the file. `applied_transform` and
 /// `applied_scale` are not undone: poses stay in the frame in which the file gives them, and a sentence
 /// says so.
+///
+/// # Errors
+/// No JSON of this kind, no frames, and, naming the frame, a matrix of other than 3 or 4 rows, `w` or `h`, `cx` or
+/// `cy` alone, `fl_y` without `fl_x`, sides that are not whole pixels, and lenses, models or coefficients that are
+/// not read.
 pub fn read(json: &str) -> Result<Read, FormatError> {
     let wire: WireFile = serde_json::from_str(json).map_err(|error| {
         let said = error.to_string();

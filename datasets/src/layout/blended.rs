@@ -132,6 +132,10 @@ impl BlendedFolder {
     /// Reads cameras and source views. The image size is read from the images' headers, the pixel
     /// centre from `scene.json`; without one it is (0.5, 0.5), as the set's authors say, or what
     /// `pixel_centre` says.
+    ///
+    /// # Errors
+    /// As [`mvsnet::read_scene`]; images that cannot be listed or the first of which cannot be read, and, without a
+    /// given `pixel_centre`, a `scene.json` that [`record::read`] refuses.
     pub fn read_scene(&self, pixel_centre: Option<PixelCentre>) -> Result<Scene> {
         let recorded = || Ok(record::read(&self.record())?.map(|record| record.pixel_centre));
         let pixel_centre = match pixel_centre {
@@ -161,41 +165,65 @@ impl BlendedFolder {
     }
 
     /// Reads the depth map of a view.
+    ///
+    /// # Errors
+    /// As [`files::read_depth`].
     pub fn read_depth(&self, id: u32) -> Result<(DepthMap, RejectedDepths)> {
         files::read_depth(&self.depth(id))
     }
 
     /// Reads the blended image of a view.
+    ///
+    /// # Errors
+    /// As [`files::read_image`].
     pub fn read_image(&self, id: u32) -> Result<ColorImage> {
         files::read_image(&self.image(id))
     }
 
     /// Writes an image as JPEG.
+    ///
+    /// # Errors
+    /// As [`files::write_atomically`], and a side above 65,535 pixels.
     pub fn write_jpeg(path: &Path, image: &ColorImage, options: JpegOptions) -> Result<()> {
         files::write_atomically(path, |out| image::write_jpeg(out, image, options))
     }
 
     /// Writes an image as PNG.
+    ///
+    /// # Errors
+    /// As [`files::write_atomically`].
     pub fn write_png(path: &Path, image: &ColorImage) -> Result<()> {
         files::write_atomically(path, |out| image::write_png(out, image))
     }
 
     /// Writes a mask as PNG of 0 and 255.
+    ///
+    /// # Errors
+    /// As [`files::write_atomically`].
     pub fn write_mask(path: &Path, mask: &Mask) -> Result<()> {
         files::write_atomically(path, |out| image::write_mask_png(out, mask))
     }
 
     /// Writes a view's depth.
+    ///
+    /// # Errors
+    /// As [`files::write_atomically`].
     pub fn write_depth(&self, id: u32, depth: &DepthMap) -> Result<()> {
         files::write_atomically(&self.depth(id), |out| pfm::write_gray(out, depth.raster()))
     }
 
     /// Writes a view's normals.
+    ///
+    /// # Errors
+    /// As [`files::write_atomically`].
     pub fn write_normals(&self, id: u32, normals: &NormalMap) -> Result<()> {
         files::write_atomically(&self.normals(id), |out| pfm::write_color(out, normals))
     }
 
     /// Writes a view's camera; the view needs a depth range.
+    ///
+    /// # Errors
+    /// As [`mvsnet::write_view`].
     pub fn write_cam(&self, view: &View, pixel_centre: PixelCentre) -> Result<()> {
         mvsnet::write_view(&self.cam(view.id), view, pixel_centre)
     }
@@ -207,6 +235,9 @@ pub fn is_scene_id(id: &str) -> bool {
 }
 
 /// The scene folders of `root`, by name: those with a `cams/pair.txt`.
+///
+/// # Errors
+/// As [`names_in`].
 pub fn scenes_in(root: &Path) -> Result<Vec<String>> {
     let names = names_in(root)?;
     let is_scene = |name: &String| BlendedFolder::new(root.join(name)).pairs().is_file();
@@ -224,6 +255,9 @@ const LISTS: [&str; 6] = [
 ];
 
 /// The scenes that the list files of `root` name, by name; none without such files.
+///
+/// # Errors
+/// A list file that is there and that [`files::read_text`] refuses.
 pub fn listed_in(root: &Path) -> Result<BTreeSet<String>> {
     let mut listed = BTreeSet::new();
     for path in LISTS.map(|name| root.join(name)) {
@@ -244,6 +278,10 @@ pub const UNFINISHED: &str = "run.partial.toml";
 /// `id` is for validation if `held_out`, else for training, and the others are for what the lists
 /// say they are. Others that are unfinished are left out. Lines that name no scene of `root` (an official
 /// list of a data set that is here in part, comments) are kept, all in their order.
+///
+/// # Errors
+/// A `root` that cannot be listed, a list file that is there and that [`files::read_text`] refuses, and what
+/// [`files::write_by_way_of`] brings.
 pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
     let unfinished = |scene: &str| scene != id && root.join(scene).join(UNFINISHED).exists();
     let mut all = scenes_in(root)?;
@@ -297,6 +335,9 @@ fn merged(old: &str, ids: &[String], ours: impl Fn(&str) -> bool) -> Vec<String>
 }
 
 /// The names of what a folder holds, in order.
+///
+/// # Errors
+/// A folder that is not there or cannot be listed.
 pub fn names_in(folder: &Path) -> Result<Vec<String>> {
     let entries = std::fs::read_dir(folder).map_err(Error::io(folder, "read the folder"))?;
     let mut names = Vec::new();

@@ -60,12 +60,19 @@ pub struct ReadCameras {
 /// View ids of COLMAP models and `transforms.json` are the numbers that are the images' names
 /// (`00000012.jpg`), else, where a name is no number of at most eight digits or two are the same number, places in name
 /// order; those of a `.log` are the poses' places in it.
+///
+/// # Errors
+/// Nothing at `path` or no cameras there, files that cannot be read or do not fit together, [`PixelCentre::Integer`]
+/// for a COLMAP model, and an image size or focal length that neither the files nor the options have.
 pub fn read_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> {
     read_with_points(path, options, Points::Needed)
 }
 
 /// As [`read_scene`], to look at: where the file of a COLMAP model's points cannot be read, a note says why,
 /// and views have no depth ranges.
+///
+/// # Errors
+/// As [`read_scene`], but for the file of a COLMAP model's points.
 pub fn inspect_scene(path: &Path, options: &CamerasOptions) -> Result<ReadCameras> {
     read_with_points(path, options, Points::Optional)
 }
@@ -137,6 +144,9 @@ fn unused(
 
 /// The kind of cameras that [`read_scene`] takes at `path`, and every file that it reads; `None`
 /// where there are none.
+///
+/// # Errors
+/// Nothing at `path`, a folder that cannot be listed, and two `*_cam.txt` of one view.
 pub fn source_files(path: &Path) -> Result<Option<(CameraSource, Vec<PathBuf>)>> {
     let Some((source, path)) = candidates(path)?.into_iter().next() else {
         return Ok(None);

@@ -14,8 +14,10 @@ use std::path::Path;
 /// Where the images of a BlendedMVS scene lie, seen from its folder.
 pub const IN_SCENE_FOLDER: &str = "blended_images/";
 
-/// Writes a `transforms.json`; images are `images` + `00000000.jpg`. Lenses that the format cannot
-/// say (denominators of the rational model) are refused.
+/// Writes a `transforms.json`; images are `images` + `00000000.jpg`.
+///
+/// # Errors
+/// A lens that [`transforms::write`] refuses, and what [`files::write_atomically`] brings.
 pub fn write_transforms(path: &Path, scene: &Scene, images: &str) -> Result<()> {
     let frames: Vec<Frame> = (scene.views().iter())
         .map(|view| frame_of(view, images))
@@ -56,6 +58,9 @@ fn frame_of(view: &View, images: &str) -> Frame {
 /// Writes `cameras.txt`, `images.txt` and a `points3D.txt` without points into `folder`. Images are
 /// `00000000.jpg`, their numbers the views' plus 1 (an id that has none above is refused); equal
 /// cameras are one.
+///
+/// # Errors
+/// A view whose id has none above, and what [`files::write_atomically`] brings.
 pub fn write_colmap(folder: &Path, scene: &Scene) -> Result<()> {
     let mut distinct: Vec<Camera> = Vec::new();
     let mut images = Vec::new();

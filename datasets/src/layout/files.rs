@@ -24,6 +24,9 @@ const LONGEST: usize = 100;
 
 /// Writes `path` by way of a temporary file in the same folder, which is renamed when `write` has
 /// succeeded: readers see the old file or the whole new one. Missing parent folders are made.
+///
+/// # Errors
+/// A folder or temporary file that cannot be made, what `write` brings, and a `path` that cannot be replaced.
 pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
@@ -50,6 +53,9 @@ pub fn above(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 /// As [`write_atomically`], with the temporary file in `folder`, which is on the same file system.
+///
+/// # Errors
+/// As [`write_atomically`], and a `path` whose own folder is not there or on another file system.
 pub fn write_by_way_of(
     folder: &Path,
     path: &Path,
@@ -155,12 +161,18 @@ pub(super) fn temporary_file(
 }
 
 /// Maps a file and gives its bytes to `read`; the path goes into every error.
+///
+/// # Errors
+/// A file that is not there, is no regular one or cannot be mapped, and what `read` finds wrong.
 pub fn read_with<T>(path: &Path, read: impl FnOnce(&[u8]) -> Result<T, FormatError>) -> Result<T> {
     let file = MappedFile::open(path)?;
     read(file.bytes()).map_err(Error::in_file(path))
 }
 
 /// Reads a text file as UTF-8; a byte-order mark is skipped.
+///
+/// # Errors
+/// As [`read_with`], and bytes that are no UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
     read_with(path, |bytes| text_of(bytes).map(str::to_owned))
 }
@@ -181,7 +193,10 @@ fn text_of(bytes: &[u8]) -> Result<&str, FormatError> {
     })
 }
 
-/// Reads a cloud from a PLY. An empty cloud is an error that says so.
+/// Reads a cloud from a PLY.
+///
+/// # Errors
+/// As [`read_with`] and [`crate::format::ply::read_cloud`], and a PLY without points.
 pub fn read_cloud(path: &Path) -> Result<PointCloud> {
     let cloud = read_with(path, format::ply::read_cloud)?;
     if cloud.is_empty() {
@@ -191,6 +206,9 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud> {
 }
 
 /// As [`read_cloud`], the positions alone: what else the points have is not looked at.
+///
+/// # Errors
+/// As [`read_with`] and [`crate::format::ply::read_positions`], and a PLY without points.
 pub fn read_positions(path: &Path) -> Result<Vec<DVec3>> {
     let positions = read_with(path, format::ply::read_positions)?;
     match positions.is_empty() {
@@ -204,27 +222,42 @@ fn no_points(path: &Path) -> Error {
 }
 
 /// Reads a JPEG or PNG.
+///
+/// # Errors
+/// As [`read_with`] and [`crate::format::image::read_color`].
 pub fn read_image(path: &Path) -> Result<ColorImage> {
     read_with(path, format::image::read_color)
 }
 
 /// Reads a one-channel PFM as it is, e.g. confidences.
+///
+/// # Errors
+/// As [`read_with`] and [`crate::format::pfm::read_gray`].
 pub fn read_raster(path: &Path) -> Result<Raster<f32>> {
     read_with(path, format::pfm::read_gray)
 }
 
 /// Reads a PFM depth map.
+///
+/// # Errors
+/// As [`read_raster`].
 pub fn read_depth(path: &Path) -> Result<(DepthMap, RejectedDepths)> {
     Ok(DepthMap::clean(read_raster(path)?))
 }
 
 /// Reads a 4×4 similarity transform.
+///
+/// # Errors
+/// As [`read_text`], [`crate::format::transform::read`] and [`Similarity::from_matrix`].
 pub fn read_similarity(path: &Path) -> Result<Similarity> {
     let matrix = read_text_with(path, format::transform::read)?;
     Similarity::from_matrix(matrix).map_err(|error| Error::layout(path, error.to_string()))
 }
 
 /// Reads a polygon crop volume.
+///
+/// # Errors
+/// As [`read_text`] and [`crate::format::crop::read`].
 pub fn read_crop(path: &Path) -> Result<CropVolume> {
     read_text_with(path, format::crop::read)
 }

@@ -52,6 +52,9 @@ impl Default for ReadOptions {
 }
 
 /// [`read_meshes_with`] by default options.
+///
+/// # Errors
+/// As [`read_meshes_with`].
 pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
     read_meshes_with(paths, &ReadOptions::default())
 }
@@ -64,6 +67,11 @@ pub fn read_meshes(paths: &[PathBuf]) -> Result<LoadedMesh> {
 /// the others have those of their materials, and stand there once for each. Faces that are there both ways round
 /// are one with two sides, which is noted too; of a large mesh those at a sample of the vertices are looked at
 /// first, and all if some are.
+///
+/// # Errors
+/// No paths, a path that is no mesh and no folder or pattern of some, such files of one model in two formats, meshes
+/// and material libraries that cannot be read, no faces in all of them, 2³² vertices or more, and textures that would
+/// take more memory than the options allow.
 pub fn read_meshes_with(paths: &[PathBuf], options: &ReadOptions) -> Result<LoadedMesh> {
     let mut joined = Joined::default();
     let mut library = Library::default();

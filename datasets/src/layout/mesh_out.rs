@@ -9,6 +9,9 @@ use std::path::Path;
 
 /// Writes `mesh` as `<stem>.obj` at `path`, with `<stem>.mtl` and `<stem>_tex<i>.png` beside it.
 /// Numbers have the shortest digits that read back to the same value.
+///
+/// # Errors
+/// A name that is none or not in UTF-8, and what [`write_atomically`] brings.
 pub fn write_obj(path: &Path, mesh: &Mesh) -> Result<()> {
     let stem = path.file_stem().and_then(|stem| stem.to_str());
     let stem = stem.ok_or_else(|| Error::layout(path, "expected a file name in UTF-8"))?;

@@ -46,6 +46,11 @@ pub struct CamsOptions {
 /// Reads every `<id>_cam.txt` in `folder` (or in `folder/cams`) and [`pairs_file`] where present.
 ///
 /// View names stay empty. Views that `pair.txt` does not list have no source views.
+///
+/// # Errors
+/// A folder that cannot be listed, has no cams or two of one view; a `cam.txt` that cannot be read or whose pose,
+/// intrinsics or depth range are none; a `pair.txt` that cannot be read, names a view without a cam or one as its own
+/// source.
 pub fn read_scene(folder: &Path, options: &CamsOptions) -> Result<Scene> {
     let (scene, unfit) = read_with_pairs(folder, options)?;
     unfit.map_or(Ok(scene), Err)
@@ -81,6 +86,9 @@ fn read_with_pairs(folder: &Path, options: &CamsOptions) -> Result<(Scene, Optio
 }
 
 /// Whether `folder`, or its `cams/`, holds any `<id>_cam.txt`.
+///
+/// # Errors
+/// A folder that cannot be listed, and two `*_cam.txt` of one view.
 pub fn has_cams(folder: &Path) -> Result<bool> {
     Ok(first_cams(folder)?.is_some())
 }
@@ -94,6 +102,9 @@ pub(super) fn scene_files(folder: &Path) -> Result<Vec<PathBuf>> {
 
 /// The `pair.txt` that goes with the cams of `folder`, if there is one: beside the cams, else beside their folder
 /// `cams/`, as in MVSNet's data sets.
+///
+/// # Errors
+/// As [`has_cams`].
 pub fn pairs_file(folder: &Path) -> Result<Option<PathBuf>> {
     let found = first_cams(folder)?;
     Ok(found.and_then(|(cams, _)| pairs_beside(folder, &cams)))
@@ -227,6 +238,9 @@ fn existing(scene: &Scene, id: u32, place: impl FnOnce() -> String) -> Result<us
 }
 
 /// Writes `view` as a `cam.txt` at `path`, in the given convention. The view needs a depth range.
+///
+/// # Errors
+/// A view without one, and what [`files::write_atomically`] brings.
 pub fn write_view(path: &Path, view: &View, pixel_centre: PixelCentre) -> Result<()> {
     let Some(range) = view.depth_range else {
         let problem = format!(
@@ -247,6 +261,9 @@ pub fn write_view(path: &Path, view: &View, pixel_centre: PixelCentre) -> Result
 }
 
 /// Writes the scene's source views as a `pair.txt` at `path`.
+///
+/// # Errors
+/// As [`files::write_atomically`].
 pub fn write_pairs(path: &Path, scene: &Scene) -> Result<()> {
     let entries: Vec<PairEntry> = scene
         .views()

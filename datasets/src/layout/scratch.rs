@@ -25,6 +25,9 @@ pub struct ScratchFolder {
 
 impl ScratchFolder {
     /// A new folder beside the file `path`, where there is room for a result.
+    ///
+    /// # Errors
+    /// A folder of the file that is not there and cannot be made, or in which no folder and file can be.
     pub fn beside(path: &Path) -> Result<Self> {
         let parent = files::folder_of(path);
         std::fs::create_dir_all(parent).map_err(Error::io(parent, "create the folder"))?;
@@ -47,6 +50,9 @@ impl ScratchFolder {
     }
 
     /// Keeps `values` under `key`, in place of what was there.
+    ///
+    /// # Errors
+    /// As [`files::write_atomically`].
     pub fn store(&self, key: u64, values: &[f32]) -> Result<()> {
         let mut bytes = vec![0; 4 * PIECE.min(values.len())];
         files::write_atomically(&self.path(key), |out| {
@@ -61,6 +67,9 @@ impl ScratchFolder {
     }
 
     /// What was stored under `key`.
+    ///
+    /// # Errors
+    /// Nothing stored there, and a file that cannot be read.
     pub fn fetch(&self, key: u64) -> Result<Vec<f32>> {
         files::read_with(&self.path(key), |bytes| {
             let values = bytes.as_chunks::<4>().0.iter();
@@ -88,6 +97,9 @@ impl ScratchFolder {
     }
 
     /// Forgets `key`.
+    ///
+    /// # Errors
+    /// Nothing stored there, and a file that cannot be removed.
     pub fn discard(&self, key: u64) -> Result<()> {
         let path = self.path(key);
         std::fs::remove_file(&path).map_err(Error::io(&path, "remove"))

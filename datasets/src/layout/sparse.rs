@@ -89,6 +89,9 @@ pub fn registered_names(path: &Path) -> Result<Vec<String>> {
 
 /// The files of the model at or under `path` that are there: those of [`read_sparse`] and
 /// [`registered_names`].
+///
+/// # Errors
+/// No COLMAP model there.
 pub fn model_files(path: &Path) -> Result<Vec<PathBuf>> {
     let place = place_of(path)?;
     let files = model::model_files(&place).into_iter();

@@ -43,6 +43,10 @@ pub struct TntFolder {
 impl TntFolder {
     /// Finds the scene's files in `folder`. The name is the folder's unless given; what is missing
     /// is said at once.
+    ///
+    /// # Errors
+    /// Names the files that are missing; where no name is given, a folder that is not there or whose name is none or
+    /// not in UTF-8.
     pub fn open(folder: &Path, name: Option<&str>) -> Result<Self> {
         let name = match name {
             Some(name) => name.to_owned(),
@@ -78,26 +82,41 @@ impl TntFolder {
     }
 
     /// Reads the positions of the scan.
+    ///
+    /// # Errors
+    /// As [`files::read_positions`].
     pub fn read_truth(&self) -> Result<Vec<DVec3>> {
         files::read_positions(&self.truth)
     }
 
     /// Reads the crop volume.
+    ///
+    /// # Errors
+    /// As [`files::read_crop`].
     pub fn read_crop(&self) -> Result<CropVolume> {
         files::read_crop(&self.crop)
     }
 
     /// Reads the reference trajectory.
+    ///
+    /// # Errors
+    /// As the function [`read_trajectory`].
     pub fn read_trajectory(&self) -> Result<Vec<LogPose>> {
         read_trajectory(&self.trajectory)
     }
 
     /// Reads the transform from the reference trajectory's frame to the scan's.
+    ///
+    /// # Errors
+    /// As [`files::read_similarity`].
     pub fn read_transform(&self) -> Result<Similarity> {
         files::read_similarity(&self.transform)
     }
 
     /// Reads the mapping file, if there is one.
+    ///
+    /// # Errors
+    /// As [`files::read_text`] and [`log::read_mapping`].
     pub fn read_mapping(&self) -> Result<Option<Mapping>> {
         self.mapping
             .as_deref()
@@ -107,6 +126,9 @@ impl TntFolder {
 }
 
 /// Reads any `.log`.
+///
+/// # Errors
+/// As [`files::read_text`] and [`log::read`].
 pub fn read_trajectory(path: &Path) -> Result<Vec<LogPose>> {
     files::read_text_with(path, log::read)
 }
@@ -122,6 +144,10 @@ pub fn model_images(path: &Path) -> Option<PathBuf> {
 /// Reads a COLMAP file of images as the `.log` of a scene with `count` images, whose names are
 /// numbers: pose i is that of the image whose number is i + 1, or i where one is numbered 0. Images
 /// that the model does not have are unregistered poses, as the toolbox's converter writes them.
+///
+/// # Errors
+/// A file that cannot be read, an image whose name is no number, whose number is beyond `count` or another's too, or
+/// whose pose is none.
 pub fn read_model_trajectory(images: &Path, count: usize) -> Result<Vec<LogPose>> {
     let read = match images.extension().is_some_and(|ending| ending == "bin") {
         true => files::read_with(images, colmap::read_images_binary)?,

@@ -20,6 +20,9 @@ pub struct VisibleWriter {
 
 impl VisibleWriter {
     /// Begins the file that will be at `path`.
+    ///
+    /// # Errors
+    /// A folder that is not there, and a file that cannot be made in it or written to.
     pub fn create(path: &Path) -> Result<Self> {
         let folder = path
             .parent()
@@ -38,6 +41,9 @@ impl VisibleWriter {
     }
 
     /// Adds a point that these images see.
+    ///
+    /// # Errors
+    /// What writing the file brings.
     pub fn write(&mut self, images: impl ExactSizeIterator<Item = u32>) -> Result<()> {
         self.count += 1;
         let count = u32::try_from(images.len()).unwrap_or(u32::MAX);
@@ -50,6 +56,9 @@ impl VisibleWriter {
     }
 
     /// Fills in the count and writes what is left, still under another name.
+    ///
+    /// # Errors
+    /// What writing the file brings.
     pub fn complete(&mut self) -> Result<()> {
         let count = self.count.to_le_bytes();
         let out = &mut self.out;
@@ -63,6 +72,9 @@ impl VisibleWriter {
     }
 
     /// Completes the file and gives it its name.
+    ///
+    /// # Errors
+    /// As [`VisibleWriter::complete`], and a path that cannot be replaced.
     pub fn finish(mut self) -> Result<()> {
         self.complete()?;
         // The file is open, and so locked, until it has its name.

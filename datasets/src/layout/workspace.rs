@@ -74,6 +74,9 @@ impl Workspace {
     }
 
     /// The names that `fusion.cfg` lists; `None` where there is no such file.
+    ///
+    /// # Errors
+    /// A file that is there and that [`files::read_text`] refuses, and one without names.
     pub fn listed(&self) -> Result<Option<Vec<String>>> {
         let path = self.path.join("stereo/fusion.cfg");
         if !path.is_file() {

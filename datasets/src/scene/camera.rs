@@ -26,6 +26,10 @@ pub struct Camera {
 impl Camera {
     /// A camera of `width` × `height` pixels with focal lengths `focal` and principal point
     /// `center`, all in pixels.
+    ///
+    /// # Errors
+    /// No pixels, more than 2²⁹ of them, focal lengths that are not finite and above 0, and a principal point that is
+    /// not finite.
     pub fn new(width: u32, height: u32, focal: DVec2, center: DVec2) -> Result<Self> {
         if width == 0 || height == 0 {
             let problem = format!("expected at least 1x1 pixels, found {width}x{height}");
@@ -62,6 +66,9 @@ impl Camera {
     }
 
     /// The same camera behind a lens. [`Camera::project`] and [`Camera::ray`] go through it.
+    ///
+    /// # Errors
+    /// Coefficients that are not finite, and a field-of-view lens whose ω is not inside (0, π).
     pub fn with_distortion(mut self, distortion: Distortion) -> Result<Self> {
         if !distortion.is_sound() {
             let problem = format!(
@@ -161,6 +168,9 @@ impl Camera {
     }
 
     /// The same camera with its image resized to `width` × `height`: exact scaling per axis.
+    ///
+    /// # Errors
+    /// As [`Camera::new`], of the new size and what it makes of focal lengths and principal point.
     pub fn resized(&self, width: u32, height: u32) -> Result<Self> {
         let scale = DVec2::new(
             f64::from(width) / f64::from(self.width),
@@ -180,6 +190,9 @@ impl Camera {
 
     /// The same camera seeing only the window of `width` × `height` pixels whose top-left pixel is
     /// (`left`, `top`). The window may reach beyond the image.
+    ///
+    /// # Errors
+    /// No pixels, and more than 2²⁹ of them.
     pub fn cropped(&self, left: i64, top: i64, width: u32, height: u32) -> Result<Self> {
         #[allow(
             clippy::cast_precision_loss,
@@ -211,6 +224,10 @@ impl Pose {
     };
 
     /// A pose from the rotation and translation of `cam_from_world`.
+    ///
+    /// # Errors
+    /// NaN and infinity, a matrix whose product with its transpose is off the identity by more than 2e-3 in an entry,
+    /// and a mirror image.
     pub fn new(rotation: DMat3, translation: DVec3) -> Result<Self> {
         if !rotation.is_finite() || !translation.is_finite() {
             return Err(Error::invalid(
@@ -243,6 +260,9 @@ impl Pose {
 
     /// A pose from a 4×4 `cam_from_world` whose last row is 0 0 0 1, to 1e-6 per entry (programs invert matrices
     /// in floats).
+    ///
+    /// # Errors
+    /// Another last row, and what [`Pose::new`] refuses.
     pub fn from_matrix(cam_from_world: DMat4) -> Result<Self> {
         let last = cam_from_world.row(3);
         let off = (last - glam::DVec4::W).abs();
@@ -258,6 +278,9 @@ impl Pose {
 
     /// The pose of a camera at `eye` that looks at `target`, image upright with respect to `up`
     /// (all in world units). `up` must not be parallel to the line of sight.
+    ///
+    /// # Errors
+    /// An `eye` at the `target`, an `up` that is 0 or parallel to the line of sight, and NaN or infinity.
     pub fn looking_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<Self> {
         let forward = (target - eye).normalize_or_zero();
         let right = forward.cross(up).normalize_or_zero();

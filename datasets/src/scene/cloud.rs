@@ -24,6 +24,9 @@ impl PointCloud {
     }
 
     /// The same cloud with unit normals in the world frame.
+    ///
+    /// # Errors
+    /// A count of normals that is not that of the points.
     pub fn with_normals(mut self, normals: Vec<Vec3>) -> Result<Self> {
         self.check("normals", normals.len())?;
         self.normals = Some(normals);
@@ -31,6 +34,9 @@ impl PointCloud {
     }
 
     /// The same cloud with 8-bit sRGB colours.
+    ///
+    /// # Errors
+    /// A count of colours that is not that of the points.
     pub fn with_colors(mut self, colors: Vec<[u8; 3]>) -> Result<Self> {
         self.check("colors", colors.len())?;
         self.colors = Some(colors);
@@ -38,6 +44,9 @@ impl PointCloud {
     }
 
     /// The same cloud with, per point, the number of distinct views that agree on it.
+    ///
+    /// # Errors
+    /// A count of numbers that is not that of the points.
     pub fn with_view_counts(mut self, view_counts: Vec<u32>) -> Result<Self> {
         self.check("view counts", view_counts.len())?;
         self.view_counts = Some(view_counts);
@@ -45,6 +54,9 @@ impl PointCloud {
     }
 
     /// The same cloud with a confidence per point.
+    ///
+    /// # Errors
+    /// A count of confidences that is not that of the points.
     pub fn with_confidences(mut self, confidences: Vec<f32>) -> Result<Self> {
         self.check("confidences", confidences.len())?;
         self.confidences = Some(confidences);

@@ -66,6 +66,9 @@ impl DepthMap {
     }
 
     /// A depth map from `width * height` values, row-major from the top-left pixel.
+    ///
+    /// # Errors
+    /// As [`Raster::from_values`].
     pub fn from_values(
         width: u32,
         height: u32,

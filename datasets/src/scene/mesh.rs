@@ -91,6 +91,9 @@ pub struct MeshColumns {
 impl Mesh {
     /// A mesh of bare triangles with one default material. Corners are counter-clockwise seen from
     /// outside.
+    ///
+    /// # Errors
+    /// Vertices that are not finite, and indices beyond them.
     pub fn new(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Result<Self> {
         if let Some(index) = vertices.iter().position(|vertex| !vertex.is_finite()) {
             let problem = format!(
@@ -119,6 +122,9 @@ impl Mesh {
     }
 
     /// The same mesh with texture coordinates, three per triangle.
+    ///
+    /// # Errors
+    /// A count of triples that is not that of the triangles.
     pub fn with_texture_coords(mut self, texture_coords: Vec<Corner>) -> Result<Self> {
         self.check(
             "texture coordinate triples",
@@ -130,6 +136,9 @@ impl Mesh {
     }
 
     /// The same mesh with 8-bit sRGB colours, one per vertex.
+    ///
+    /// # Errors
+    /// A count of colours that is not that of the vertices.
     pub fn with_vertex_colors(mut self, vertex_colors: Vec<[u8; 3]>) -> Result<Self> {
         self.check("vertex colors", vertex_colors.len(), self.vertices.len())?;
         self.vertex_colors = Some(vertex_colors);
@@ -138,6 +147,9 @@ impl Mesh {
 
     /// The same mesh with `materials` and, per triangle, the index of its material. One material
     /// may be given with no indices: it is everybody's.
+    ///
+    /// # Errors
+    /// No materials, a count of indices that is not that of the triangles, and an index beyond the materials.
     pub fn with_materials(
         mut self,
         materials: Vec<Material>,

@@ -51,6 +51,9 @@ impl Window {
 
 impl<T> Raster<T> {
     /// A raster from its values, `width * height` of them, row-major from the top-left pixel.
+    ///
+    /// # Errors
+    /// No pixels, and another count of values.
     pub fn from_values(width: u32, height: u32, values: Vec<T>) -> Result<Self> {
         let expected = width as usize * height as usize;
         if expected == 0 || values.len() != expected {
@@ -121,11 +124,17 @@ impl<T> Raster<T> {
 
 impl<T: Copy> Raster<T> {
     /// A raster of one value. Sizes are ≥ 1.
+    ///
+    /// # Errors
+    /// A width or a height of 0.
     pub fn filled(width: u32, height: u32, value: T) -> Result<Self> {
         Self::from_values(width, height, vec![value; width as usize * height as usize])
     }
 
     /// What lies in `window`, which is not empty and lies within the raster.
+    ///
+    /// # Errors
+    /// A window that is empty or reaches beyond the raster.
     pub fn cut(&self, window: &Window) -> Result<Self> {
         if !window.is_within(self.size()) {
             let problem = format!(

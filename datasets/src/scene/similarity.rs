@@ -19,6 +19,9 @@ impl Similarity {
 
     /// A similarity from its 4×4 matrix. The last row must be 0 0 0 1; the upper left 3×3 must be a
     /// rotation times a positive scale, to 1e-3 relative (text files round).
+    ///
+    /// # Errors
+    /// NaN and infinity, another last row, a scale that is not above 0, and what is no rotation times a scale.
     pub fn from_matrix(target_from_source: DMat4) -> Result<Self> {
         if !target_from_source.is_finite() {
             let problem = "expected finite numbers, found NaN or infinity";

@@ -10,6 +10,9 @@ pub struct DepthRange {
 
 impl DepthRange {
     /// A range from its two ends.
+    ///
+    /// # Errors
+    /// Ends that are not finite, a `min` that is not above 0, and a `max` that is not above it.
     pub fn new(min: f64, max: f64) -> Result<Self> {
         if min.is_finite() && max.is_finite() && 0.0 < min && min < max {
             return Ok(Self { min, max });
@@ -67,6 +70,9 @@ pub struct Scene {
 
 impl Scene {
     /// A scene from views in any order, without source views. Ids must be distinct.
+    ///
+    /// # Errors
+    /// An id twice.
     pub fn new(mut views: Vec<View>) -> Result<Self> {
         views.sort_by_key(|view| view.id);
         if let Some(pair) = views.windows(2).find(|pair| pair[0].id == pair[1].id) {
@@ -79,6 +85,9 @@ impl Scene {
 
     /// The same scene with source views, one list per view in [`Scene::views`] order. Every source
     /// is another view of the scene.
+    ///
+    /// # Errors
+    /// A count of lists that is not that of the views, and a source that is the view itself or none of the scene.
     pub fn with_sources(mut self, sources: Vec<Vec<SourceScore>>) -> Result<Self> {
         if sources.len() != self.views.len() {
             let (expected, found) = (self.views.len(), sources.len());

@@ -43,6 +43,9 @@ pub struct CropVolume {
 impl CropVolume {
     /// A volume from `min ≤ x_axis ≤ max` and a polygon over the two other axes, given as 3-D
     /// points whose `axis` coordinate is ignored.
+    ///
+    /// # Errors
+    /// Bounds that are not finite or are crossed, fewer than three vertices, and vertices that are not finite.
     pub fn new(axis: Axis, min: f64, max: f64, bounding_polygon: &[DVec3]) -> Result<Self> {
         if !(min.is_finite() && max.is_finite() && min <= max) {
             let problem = format!("expected finite axis_min ≤ axis_max, found {min} and {max}");

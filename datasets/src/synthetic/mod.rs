@@ -45,8 +45,10 @@ pub struct SyntheticScene {
 }
 
 impl SyntheticScene {
-    /// Builds the scene. Fails when there are fewer than 2 or more than 10000 views, or no or more
-    /// than 3·10⁸ pixels.
+    /// Builds the scene.
+    ///
+    /// # Errors
+    /// Fewer than 2 or more than 10000 views, and no or more than 3·10⁸ pixels.
     pub fn new(options: SyntheticOptions) -> Result<Self> {
         if !(2..=10_000).contains(&options.views) {
             let problem = format!("expected 2 to 10000 views, found {}", options.views);
@@ -186,7 +188,9 @@ impl SyntheticScene {
 
     /// Points on the exact surface, uniform by area with about `spacing` world units between
     /// neighbours, normals and colours included; only surface that can be seen from outside.
-    /// Fails when `spacing` is not above 0 or so small that there would be over 3·10⁸ points.
+    ///
+    /// # Errors
+    /// A `spacing` that is not above 0, or so small that there would be over 3·10⁸ points.
     pub fn sample_surface(&self, spacing: f64) -> Result<PointCloud> {
         let area: f64 = self.parts.iter().map(|part| part.surface.area()).sum();
         let count = area / (spacing * spacing);

@@ -54,10 +54,12 @@ pub struct Icp {
 }
 
 /// Moves `source` onto `target` by similarities, starting from where it is. The same bits at any
-/// number of threads.
+/// number of threads. Without any pair the result is the identity with fitness 0.
 ///
-/// An error where either cloud is empty or not finite, the pairs of some update coincide so that no scale
-/// fits, or they lie so far out (from about 1e77) that their products overflow. Without any pair the result is the identity with fitness 0.
+/// # Errors
+/// Either cloud empty or not finite, a target of more than 2³² − 2 points, a maximal distance that is not finite and
+/// above 0, and pairs of an update that coincide so that no scale fits, or lie so far out (from about 1e77) that
+/// their products overflow.
 pub fn icp(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<Icp> {
     let source = listed(source, Order::Any);
     check(&source, options)?;
@@ -65,6 +67,9 @@ pub fn icp(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<I
 }
 
 /// As [`icp`], onto a target that has an index already.
+///
+/// # Errors
+/// No source points, and a maximal distance or pairs of an update that [`icp`] refuses.
 pub fn icp_onto<C: Coordinate>(
     target: &BlockIndex<C>,
     source: Source,
@@ -86,6 +91,9 @@ pub fn icp_onto<C: Coordinate>(
 }
 
 /// As [`icp`], by kiddo's tree and plain loops: the oracle.
+///
+/// # Errors
+/// As [`icp`] and [`NearestIndex::new`].
 pub fn icp_plain(source: &[DVec3], target: &[DVec3], options: &IcpOptions) -> Result<Icp> {
     check(&listed(source, Order::Any), options)?;
     let index = NearestIndex::new(target)?;

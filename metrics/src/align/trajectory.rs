@@ -85,8 +85,10 @@ pub struct TrajectoryFit {
 /// Aligns `source[i]` with `target[i]`: camera centres in two frames. The same seed gives the same
 /// bits at any number of threads.
 ///
-/// An error where the lengths differ, there are fewer than three, a coordinate is not finite, or no
-/// candidate brings any centre near a target.
+/// # Errors
+/// Lengths that differ, fewer than three centres, coordinates that are not finite, a maximal distance that is not
+/// finite and above 0, no candidate that brings any centre near a target, and, by the strict rule, inliers that fix
+/// no similarity.
 pub fn align(
     source: &[DVec3],
     target: &[DVec3],

@@ -8,9 +8,12 @@ use nalgebra::{Matrix3, Vector3};
 /// The similarity `target_from_source` that moves `source[i]` onto `target[i]` with the least sum of
 /// squares; with `Scale::One` the rigid motion. Sums run in fixed order.
 ///
-/// An error where the lengths differ, there are no points, a coordinate is not finite, or the scale
-/// is asked of a source whose points coincide. Fewer than three points, or points on a line, leave
-/// the rotation partly free: one of the best is returned.
+/// Fewer than three points, or points on a line, leave the rotation partly free: one of the best is
+/// returned.
+///
+/// # Errors
+/// Lengths that differ, no points, coordinates that are not finite or so large that products overflow, and points
+/// that no scale above 0 fits where one is asked: those of either side coincide, say.
 pub fn umeyama(source: &[DVec3], target: &[DVec3], scale: Scale) -> Result<DMat4> {
     if source.len() != target.len() || source.is_empty() {
         let (s, t) = (source.len(), target.len());

@@ -179,11 +179,17 @@ pub struct BlockIndex<C = f64> {
 
 impl BlockIndex {
     /// An index over `points`: at least one, all finite, at most 2³² − 2. Equal points are fine.
+    ///
+    /// # Errors
+    /// No points, more than 2³² − 2, and one that is not finite.
     pub fn new(points: &[DVec3]) -> Result<Self> {
         Self::of(&listed(points, Order::Any))
     }
 
     /// As [`BlockIndex::new`]. Of points in spatial order the order is taken over, not made.
+    ///
+    /// # Errors
+    /// As [`BlockIndex::new`].
     pub fn of<F: Fn(usize) -> DVec3 + Sync>(points: &Listed<F>) -> Result<Self> {
         check_points(points)?;
         Ok(Self::over(Packed::new(points)))
@@ -191,6 +197,9 @@ impl BlockIndex {
 
     /// As [`BlockIndex::of`], for points in spatial order, `most` or fewer, that `feed` brings in
     /// stretches of any length: no list of all of them need exist. `None` without points.
+    ///
+    /// # Errors
+    /// What `feed` returns: its own errors, and those that it is given for points that are not finite.
     pub fn gathered(
         most: usize,
         feed: impl FnOnce(&mut Take<'_>) -> Result<()>,
@@ -296,6 +305,9 @@ impl BlockIndex {
 impl BlockIndex<f32> {
     /// As [`BlockIndex::gathered`], for coordinates that are f32 all. It does not know in which order
     /// the points came.
+    ///
+    /// # Errors
+    /// As [`BlockIndex::gathered`].
     pub fn gathered_narrow(
         most: usize,
         feed: impl FnOnce(&mut Take<'_>) -> Result<()>,

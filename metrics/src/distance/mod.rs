@@ -68,8 +68,10 @@ pub fn spatial_order(points: &[DVec3]) -> Vec<u32> {
 }
 
 /// Per point of `a` the distance to its nearest point of `b`, and the reverse, in the order given:
-/// one index per cloud serves both. Everything is infinitely far from an empty cloud. An error
-/// where a point is not finite and the other cloud is not empty.
+/// one index per cloud serves both. Everything is infinitely far from an empty cloud.
+///
+/// # Errors
+/// A point that is not finite and more than 2³² − 2 points, where neither cloud is empty.
 pub fn both_ways(a: &[DVec3], b: &[DVec3]) -> Result<(Vec<f64>, Vec<f64>)> {
     if a.is_empty() || b.is_empty() {
         let far = |points: &[DVec3]| vec![f64::INFINITY; points.len()];
@@ -81,6 +83,9 @@ pub fn both_ways(a: &[DVec3], b: &[DVec3]) -> Result<(Vec<f64>, Vec<f64>)> {
 
 /// As [`both_ways`], for lists in a known order, which come back beside the distances of their
 /// points. Between, only the indices are in memory.
+///
+/// # Errors
+/// As [`both_ways`].
 pub fn both_ways_in(order: Order, lists: [Vec<DVec3>; 2]) -> Result<[(Vec<DVec3>, Vec<f64>); 2]> {
     if lists.iter().any(Vec::is_empty) {
         return Ok(lists.map(|points| {

@@ -20,6 +20,9 @@ impl std::fmt::Debug for NearestIndex {
 
 impl NearestIndex {
     /// An index over `points`: at least one, all finite, at most 2³² − 2. Equal points are fine.
+    ///
+    /// # Errors
+    /// No points, more than 2³² − 2, one that is not finite, and what kiddo refuses to index.
     pub fn new(points: &[DVec3]) -> Result<Self> {
         check_points(&listed(points, Order::Any))?;
         let rows: Vec<[f64; 3]> = points.iter().map(|point| point.to_array()).collect();

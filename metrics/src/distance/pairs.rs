@@ -83,7 +83,10 @@ impl Source {
     }
 
     /// Points in spatial order, `most` or fewer, that `feed` brings in stretches of any length: no list
-    /// of all of them need exist. An error where a point is not finite.
+    /// of all of them need exist.
+    ///
+    /// # Errors
+    /// What `feed` returns: its own errors, and those that it is given for points that are not finite.
     pub fn gathered(most: usize, feed: impl FnOnce(&mut Take<'_>) -> Result<()>) -> Result<Self> {
         let mut packing = Packing::new(Keep::Nothing, most);
         let mut sum = DVec3::ZERO;

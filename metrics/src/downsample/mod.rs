@@ -39,9 +39,11 @@ pub struct Members<'a, P, R> {
 /// This is Open3D's rule: the grid starts half a voxel below the cloud's minimum corner, a point's
 /// voxel is `floor((p − start) / size)`, the mean is accumulated in input order and divided once.
 /// The points come out along a Hilbert curve through the grid: neighbours in the list are neighbours
-/// in space. No points give no points. An error where `size` is not above 0, a point is not finite,
-/// or the grid would have more than 2³¹ − 1 voxels along an axis, or there are more than 2³² − 1
-/// points.
+/// in space. No points give no points.
+///
+/// # Errors
+/// A `size` that is not finite and above 0, a point that is not finite, more than 2³¹ − 1 voxels along an axis, and
+/// more than 2³² − 1 points.
 pub fn voxel(points: &[DVec3], size: f64) -> Result<Vec<DVec3>> {
     let count = u32::try_from(points.len()).map_err(|_| {
         let problem = format!("expected at most 4294967295 points, found {}", points.len());
@@ -66,7 +68,10 @@ pub fn voxel(points: &[DVec3], size: f64) -> Result<Vec<DVec3>> {
 }
 
 /// As [`voxel`]; `take` gets the points stretch by stretch, so that no list of all of them need exist.
-/// An error of `take` ends it.
+///
+/// # Errors
+/// As [`voxel`], but for the number of points, and points are not looked at where their corners are given; what
+/// `take` brings, which ends it.
 pub fn voxel_each<P, R>(members: &Members<'_, P, R>, size: f64, take: &mut Take<'_>) -> Result<()>
 where
     P: Fn(usize, &mut [Point]) + Sync,
@@ -135,6 +140,9 @@ where
 }
 
 /// As [`voxel`], by an ordered map and one loop, by x, then y, then z: the oracle.
+///
+/// # Errors
+/// As [`voxel`], but for the number of points.
 pub fn voxel_plain(points: &[DVec3], size: f64) -> Result<Vec<DVec3>> {
     if points.is_empty() {
         return Grid::check_size(size).map(|()| Vec::new());

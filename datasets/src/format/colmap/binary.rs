@@ -103,6 +103,10 @@ impl<'a> Bytes<'a> {
 }
 
 /// Reads `cameras.bin`.
+///
+/// # Errors
+/// A file that is cut short or goes on after what it counts, a model of another number than 0 to 17, sides above
+/// 2³² − 1 pixels, and parameters that are not finite.
 pub fn read_cameras(bytes: &[u8]) -> Result<Vec<ColmapCamera>, FormatError> {
     Bytes::new(bytes).list(40, "cameras", read_camera)
 }
@@ -133,6 +137,10 @@ fn read_camera(bytes: &mut Bytes<'_>) -> Result<ColmapCamera, FormatError> {
 }
 
 /// Reads `images.bin`.
+///
+/// # Errors
+/// A file that is cut short or goes on after what it counts, poses that are not finite, and names without an end or
+/// not in UTF-8.
 pub fn read_images(bytes: &[u8]) -> Result<Vec<ColmapImage>, FormatError> {
     Bytes::new(bytes).list(73, "images", read_image)
 }
@@ -170,6 +178,9 @@ fn read_image(bytes: &mut Bytes<'_>) -> Result<ColmapImage, FormatError> {
 }
 
 /// Reads `points3D.bin`.
+///
+/// # Errors
+/// A file that is cut short or goes on after what it counts, and positions that are not finite.
 pub fn read_points(bytes: &[u8]) -> Result<Vec<ColmapPoint>, FormatError> {
     Bytes::new(bytes).list(51, "points", |bytes| {
         let id = bytes.u64("a point id")?;
@@ -187,6 +198,9 @@ pub fn read_points(bytes: &[u8]) -> Result<Vec<ColmapPoint>, FormatError> {
 }
 
 /// Reads `frames.bin`: the ids of the images in the order in which COLMAP registers them.
+///
+/// # Errors
+/// A file that is cut short or goes on after what it counts, and image ids above 2³² − 1.
 pub fn read_frames(bytes: &[u8]) -> Result<Vec<u32>, FormatError> {
     let frames = Bytes::new(bytes).list(68, "frames", |bytes| {
         bytes.take(64, "a frame's id, rig and pose")?;

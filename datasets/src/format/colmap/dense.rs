@@ -7,12 +7,19 @@ use crate::scene::{NormalMap, Raster};
 use std::io::Write;
 
 /// The (width, height) that the header says.
+///
+/// # Errors
+/// A start that is not a width, a height and a number of channels, with `&` after each.
 pub fn read_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     let (width, height, _, _) = header(bytes)?;
     Ok((width, height))
 }
 
 /// Reads an array of one channel, as it is.
+///
+/// # Errors
+/// A header that [`read_size`] refuses, another number of channels, no pixels, and bytes that are not those of the
+/// stated size.
 pub fn read_gray(bytes: &[u8]) -> Result<Raster<f32>, FormatError> {
     let (size, mut channels) = read(bytes, 1)?;
     let values = channels.pop().unwrap_or_default();
@@ -20,6 +27,9 @@ pub fn read_gray(bytes: &[u8]) -> Result<Raster<f32>, FormatError> {
 }
 
 /// Reads an array of three channels.
+///
+/// # Errors
+/// As [`read_gray`].
 pub fn read_normals(bytes: &[u8]) -> Result<NormalMap, FormatError> {
     let (size, channels) = read(bytes, 3)?;
     let values = (0..channels[0].len()).map(|at| [0, 1, 2].map(|channel| channels[channel][at]));
@@ -30,6 +40,9 @@ pub fn read_normals(bytes: &[u8]) -> Result<NormalMap, FormatError> {
 type Channels = ((u32, u32), Vec<Vec<f32>>);
 
 /// The values of one row in `every` so many of an array of one channel, as they are; the others are not looked at.
+///
+/// # Errors
+/// As [`read_gray`], but that an array without pixels has no values.
 pub fn gray_rows(bytes: &[u8], every: usize) -> Result<Vec<f32>, FormatError> {
     let ((width, _), body) = body_of(bytes, 1)?;
     let rows = body.chunks_exact((4 * width as usize).max(1));
@@ -97,12 +110,18 @@ fn header(bytes: &[u8]) -> Result<(u32, u32, u32, usize), FormatError> {
 }
 
 /// Writes an array of one channel.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_gray(out: &mut impl Write, raster: &Raster<f32>) -> std::io::Result<()> {
     write!(out, "{}&{}&1&", raster.width(), raster.height())?;
     write_values(out, raster.values().iter().copied())
 }
 
 /// Writes an array of three channels.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_normals(out: &mut impl Write, normals: &NormalMap) -> std::io::Result<()> {
     write!(out, "{}&{}&3&", normals.width(), normals.height())?;
     for channel in 0..3 {

@@ -104,6 +104,10 @@ pub struct ColmapPoint {
 impl ColmapCamera {
     /// The camera in this crate's terms. Division, EUCM, equirectangular and rad-tan-thin-prism
     /// models are refused.
+    ///
+    /// # Errors
+    /// Those models, parameters that are not as many as the model has, and what [`Camera::new`] and
+    /// [`Camera::with_distortion`] refuse.
     pub fn to_camera(&self) -> Result<Camera> {
         let p = &self.params[..];
         let radial = |k1, k2| lens([k1, k2, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
@@ -172,6 +176,9 @@ fn lens(radial: [f64; 6], tangential: [f64; 2]) -> Distortion {
 
 impl ColmapImage {
     /// The pose in this crate's terms; the quaternion is brought to length 1.
+    ///
+    /// # Errors
+    /// A quaternion that is 0 or not finite, and a translation that is not finite.
     pub fn to_pose(&self) -> Result<Pose> {
         let [w, x, y, z] = self.rotation;
         let length = w.hypot(x).hypot(y.hypot(z));

@@ -66,6 +66,10 @@ fn is_data(line: &str) -> bool {
 }
 
 /// Reads `cameras.txt`.
+///
+/// # Errors
+/// Names the line: a model that COLMAP does not have, a value that is missing, no number or not finite, and more
+/// parameters than the model has.
 pub fn read_cameras(text: &str) -> Result<Vec<ColmapCamera>, FormatError> {
     let lines = text.lines().enumerate().filter(|(_, line)| is_data(line));
     lines
@@ -103,8 +107,11 @@ fn read_camera(mut fields: Fields<'_>) -> Result<ColmapCamera, FormatError> {
     })
 }
 
-/// Reads `images.txt`: two lines per image, the second of which may be empty but must be there. A file
-/// whose head says another number of images than it holds is refused: it was cut.
+/// Reads `images.txt`: two lines per image, the second of which may be empty but must be there.
+///
+/// # Errors
+/// A value that is missing, no number or not finite, an image without a name or a second line, and another number of
+/// images than the head says.
 pub fn read_images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
@@ -177,7 +184,11 @@ fn read_observations(mut fields: Fields<'_>) -> Result<Vec<u64>, FormatError> {
     Ok(points)
 }
 
-/// Reads `points3D.txt`. A file whose head says another number of points than it holds is refused: it was cut.
+/// Reads `points3D.txt`.
+///
+/// # Errors
+/// A value that is missing, no number or not finite, colours that are not 0 to 255, and another number of points than
+/// the head says.
 pub fn read_points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     let lines = text.lines().enumerate().filter(|(_, line)| is_data(line));
     let points: Vec<ColmapPoint> = lines
@@ -209,6 +220,9 @@ pub fn read_points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
 }
 
 /// Reads `frames.txt`: the ids of the images in the order in which COLMAP registers them.
+///
+/// # Errors
+/// Names the line: a value that is missing, no number or not finite.
 pub fn read_frames(text: &str) -> Result<Vec<u32>, FormatError> {
     let lines = text.lines().enumerate().filter(|(_, line)| is_data(line));
     let frames = lines.map(|(index, line)| {

@@ -62,6 +62,11 @@ const UNDERSTOOD: [&str; 3] = [
 /// Reads a `.gltf` or `.glb`. Meshes that nodes show several times are there several times, up to 2^26 vertices and
 /// corners in all. `load` gives the content of a file that a buffer names, relative to the
 /// glTF file, or says why it cannot.
+///
+/// # Errors
+/// Another text or version, a file that is cut short, extensions that it cannot be read without, numbers of things
+/// that are not there or do not fit, compressed or sparse data, positions that are not finite, a node in two places,
+/// too many instances, 2^32 vertices or more, and no triangles; and what `load` says.
 pub fn read_gltf(
     bytes: &[u8],
     load: &dyn Fn(&str) -> Result<Vec<u8>, String>,

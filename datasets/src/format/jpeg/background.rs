@@ -12,6 +12,9 @@ use std::io::Result;
 /// [`encode`](super::encode) with that mask, read by this crate's decoder, which interpolates halved
 /// chroma (3 : 1 along either axis). Only what lies at the mask's edge is looked at, to the first pixel
 /// that is brighter.
+///
+/// # Errors
+/// A mask of another size than the image ([`std::io::ErrorKind::InvalidInput`]).
 pub fn stays_dark(
     image: &ColorImage,
     mask: &Mask,

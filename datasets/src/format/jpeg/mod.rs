@@ -47,6 +47,9 @@ impl Default for JpegOptions {
 
 /// The bytes of a baseline JFIF JPEG of the image, without EXIF; with a mask of the same size, black
 /// where that is false. Sides are at most 65,535 pixels.
+///
+/// # Errors
+/// Longer sides, and a mask of another size than the image ([`ErrorKind::InvalidInput`]).
 pub fn encode(image: &ColorImage, mask: Option<&Mask>, options: JpegOptions) -> Result<Vec<u8>> {
     let (Ok(width), Ok(height)) = (u16::try_from(image.width()), u16::try_from(image.height()))
     else {

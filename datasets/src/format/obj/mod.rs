@@ -57,12 +57,19 @@ const PIECE: usize = 1 << 20;
 const PIECES: usize = 4;
 
 /// [`read_obj_with`] on one thread.
+///
+/// # Errors
+/// As [`read_obj_with`].
 pub fn read_obj(bytes: &[u8]) -> Result<ObjFile, FormatError> {
     read_obj_with(bytes, 1)
 }
 
 /// Reads an OBJ file on several threads; the result does not depend on how many. Lines, points, curves,
 /// normals, groups and objects are skipped.
+///
+/// # Errors
+/// UTF-16, zero bytes in the first 1024, and, naming the line, numbers of `v` and `vt` that are missing or not finite
+/// and indices of faces that nothing before the line has (but see [`ObjFile::lost_coords`]).
 pub fn read_obj_with(bytes: &[u8], threads: usize) -> Result<ObjFile, FormatError> {
     read_in_pieces(&plain(bytes)?, PIECE, threads)
 }

@@ -63,6 +63,10 @@ pub struct PlySummary {
 }
 
 /// Reads the header alone. The counts are as stated: the file may be cut short.
+///
+/// # Errors
+/// No PLY, and a header without an end or a format, with a line that is not understood, or with a second element
+/// `vertex` or `face`.
 pub fn read_summary(bytes: &[u8]) -> Result<PlySummary, FormatError> {
     let header = header::read(bytes)?;
     let count = |name| header.element(name).map_or(0, |element| element.count);
@@ -74,13 +78,20 @@ pub fn read_summary(bytes: &[u8]) -> Result<PlySummary, FormatError> {
 
 /// Reads the vertices of a PLY: x y z, and where present nx ny nz, red green blue (integers, or
 /// floats up to 1 or up to 255), `views`, `confidence`. Names are taken in any case, everything else is skipped;
-/// positions may be NaN, colours that are NaN are black. A file with no vertices gives an empty cloud; one that
-/// goes on after all that its header states is an error.
+/// positions may be NaN, colours that are NaN are black. A file with no vertices gives an empty cloud.
+///
+/// # Errors
+/// As [`read_summary`]; no element `vertex` with x, y and z, a file that is cut short or, where vertices are the
+/// last, goes on after all that its header states, lines that do not fit the header, and colours outside black and
+/// white.
 pub fn read_cloud(bytes: &[u8]) -> Result<PointCloud, FormatError> {
     vertices::cloud(&table_of_cloud(bytes)?)
 }
 
 /// As [`read_cloud`], the positions alone: what else the points have is not looked at.
+///
+/// # Errors
+/// As [`read_cloud`], but for colours.
 pub fn read_positions(bytes: &[u8]) -> Result<Vec<DVec3>, FormatError> {
     vertices::positions(&table_of_cloud(bytes)?)
 }
@@ -98,7 +109,12 @@ fn table_of_cloud(bytes: &[u8]) -> Result<Table<'_>, FormatError> {
 }
 
 /// Reads vertices and faces of a PLY, in whatever order. Texture coordinates are those of the face (`texcoord`), else
-/// of its vertices (s t, u v, texture_u texture_v or texture_s texture_t). A file without faces is an error.
+/// of its vertices (s t, u v, texture_u texture_v or texture_s texture_t).
+///
+/// # Errors
+/// As [`read_cloud`]; no faces of three corners or more, faces without a list of indices or with an index beyond the
+/// vertices, texture coordinates that are not two per corner, texture numbers beyond the files, vertices that are not
+/// finite, and a file that goes on after all that its header states.
 pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(bytes, &header);
@@ -205,8 +221,11 @@ fn mesh_of(
     Ok((mesh, untextured))
 }
 
-/// Writes a cloud with the columns it has, and `scalars` after them. Scalars of another length or
-/// with an impossible name are [`std::io::ErrorKind::InvalidInput`].
+/// Writes a cloud with the columns it has, and `scalars` after them.
+///
+/// # Errors
+/// Scalars of another length, with an impossible name or one that is there already
+/// ([`std::io::ErrorKind::InvalidInput`]), and what writing to `out` brings.
 pub fn write_cloud(
     out: &mut impl Write,
     cloud: &PointCloud,
@@ -218,6 +237,9 @@ pub fn write_cloud(
 
 /// Writes a mesh: vertices with colours if present, faces with texture coordinates if present and,
 /// where there are several materials, `texnumber`. Name the texture files in the comments.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write_mesh(out: &mut impl Write, mesh: &Mesh, options: &PlyOptions) -> std::io::Result<()> {
     write::mesh(out, mesh, options)
 }

@@ -47,6 +47,9 @@ const ROOM: usize = 20;
 
 impl<W: Write + Seek> StreamWriter<W> {
     /// Writes the header: `comments` (without line breaks) and the vertex's properties in order.
+    ///
+    /// # Errors
+    /// What writing to `out` and asking for its place bring.
     pub fn new(mut out: W, properties: &[(&str, Scalar)], comments: &[String]) -> Result<Self> {
         write!(out, "ply\nformat binary_little_endian 1.0\n")?;
         for comment in comments {
@@ -86,6 +89,9 @@ impl<W: Write + Seek> StreamWriter<W> {
     }
 
     /// Fills in the count and writes what is left.
+    ///
+    /// # Errors
+    /// What seeking in the file and writing to it bring.
     pub fn complete(&mut self) -> Result<u64> {
         self.out.seek(SeekFrom::Start(self.count_at))?;
         self.out.write_all(count_lines(self.count).as_bytes())?;

@@ -87,11 +87,17 @@ pub struct LeftOut {
 }
 
 /// Reads a `scene.json`; `None` where there is none.
+///
+/// # Errors
+/// As [`read_json`].
 pub fn read(path: &Path) -> Result<Option<SceneFile>> {
     read_json(path)
 }
 
 /// Reads a JSON file; `None` where there is none.
+///
+/// # Errors
+/// A file that is there and that [`files::read_text`] refuses, and text that is not the JSON of a `T`.
 pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T>> {
     if !path.exists() {
         return Ok(None);
@@ -105,6 +111,9 @@ pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T
 }
 
 /// Writes a value as indented JSON with a final line break.
+///
+/// # Errors
+/// A value that JSON cannot hold, and what [`files::write_atomically`] brings.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     files::write_atomically(path, |out| {
         serde_json::to_writer_pretty(&mut *out, value)?;
