@@ -158,9 +158,16 @@ impl Prism {
             let problem = format!("expected bounds min ≤ max, found {min} and {max}");
             return Err(Error::invalid("crop", problem));
         }
-        if polygon.len() < 3 || polygon.iter().any(|vertex| !vertex.is_finite()) {
+        if let Some(at) = polygon.iter().position(|vertex| !vertex.is_finite()) {
+            let problem = format!(
+                "expected finite polygon vertices, found {} as vertex {at}",
+                polygon[at]
+            );
+            return Err(Error::invalid("crop", problem));
+        }
+        if polygon.len() < 3 {
             let found = polygon.len();
-            let problem = format!("expected at least 3 finite polygon vertices, found {found}");
+            let problem = format!("expected at least 3 polygon vertices, found {found}");
             return Err(Error::invalid("crop", problem));
         }
         let following = polygon.iter().cycle().skip(1);
@@ -385,6 +392,9 @@ mod tests {
         assert!(Prism::new(0, (1.0, 0.0), &polygon).is_err());
         assert!(Prism::new(0, (f64::NAN, 0.0), &polygon).is_err());
         assert!(Prism::new(0, (0.0, 1.0), &polygon[..2]).is_err());
-        assert!(Prism::new(0, (0.0, 1.0), &[DVec2::NAN; 3]).is_err());
+        let mut holed = polygon.clone();
+        holed[1].y = f64::NAN;
+        let error = Prism::new(0, (0.0, 1.0), &holed).unwrap_err();
+        assert!(error.to_string().contains("NaN] as vertex 1"), "{error}");
     }
 }

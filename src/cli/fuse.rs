@@ -110,7 +110,8 @@ pub(crate) struct FuseFlags {
     /// Largest reprojection error in pixels (default 1, cluster 2)
     #[arg(long, value_name = "PX")]
     pub(super) max_pixel_error: Option<f64>,
-    /// Largest relative depth error (default 0.01)
+    /// Largest relative depth error (default 0.01); in gipuma and dynamic it bounds nothing, but tells which views see
+    /// through a point (--properties all, the guard)
     #[arg(long, value_name = "R")]
     max_depth_error: Option<f64>,
     /// Source views that must agree, the reference view not counted (default 3, cluster 4;

@@ -280,6 +280,12 @@ impl Clusters<'_> {
         let Some(first) = room.members.first() else {
             return Ok(());
         };
+        if from.steps == 0 {
+            // In its own view it lies at its pixel's centre: found by projection, pixels at whole distances from
+            // there would count or not by rounding.
+            let (pixel, depth) = (center(from.place), from.pixel.depth);
+            self.sightings[from.view] = (self.cluster, Some(Sighting { pixel, depth }));
+        }
         let sources = self.inputs.maps.sources(from.view);
         self.onlookers[from.view].see(position, &mut room.seen);
         room.asked.clear();

@@ -100,8 +100,10 @@ fn warn_of_few_sources(inputs: &FuseInputs<'_>, options: &FuseOptions) {
         return;
     }
     let (mut lacking, mut softened) = (Vec::new(), Vec::new());
+    let mut enough_listed = false;
     for index in 0..inputs.maps.count() {
-        let used = options.sources_used(inputs.maps.sources(index).len());
+        let listed = inputs.maps.sources(index).len();
+        let used = options.sources_used(listed);
         let needed = match options.mode {
             FuseMode::Dynamic => DYNAMIC_FROM,
             _ => options.sources_needed(used),
@@ -109,15 +111,20 @@ fn warn_of_few_sources(inputs: &FuseInputs<'_>, options: &FuseOptions) {
         let id = inputs.maps.view(index).id;
         if used < needed {
             lacking.push(id);
+            enough_listed |= listed >= needed;
         } else if needed < options.min_sources && options.mode != FuseMode::Dynamic {
             softened.push(id);
         }
     }
     let count = inputs.maps.count();
     if let Some(first) = lacking.first() {
+        let more = match enough_listed {
+            true => "use more of those listed (--max-sources)",
+            false => "list more sources in pair.txt",
+        };
         let message = format!(
             "{} of {count} views have fewer source views than must agree and give no points, the first \
-             is view {first}: list more sources in pair.txt or lower the minimum",
+             is view {first}: {more} or lower the minimum",
             lacking.len(),
         );
         inputs.warnings.add("few-sources", message);

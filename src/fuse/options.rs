@@ -20,9 +20,9 @@ pub struct FuseOptions {
     /// Instead of `min_confidence`: the fraction of each view's pixels with a depth (in range and in the mask), the
     /// least confident ones, that is left out; 0 for none. For confidences whose scale is unknown.
     pub confidence_quantile: f64,
-    /// Largest reprojection error in pixels, strict.
+    /// Largest reprojection error in pixels; strict but in `cluster`, which as COLMAP takes what has it exactly.
     pub max_pixel_error: f64,
-    /// Largest relative depth error, strict.
+    /// Largest relative depth error; strict but in `cluster`.
     pub max_depth_error: f64,
     /// Beyond this angle in degrees between two views of a point the bound on the pixel error grows
     /// with the tangent, so that it means the same relative depth error as at this angle; 0 for a

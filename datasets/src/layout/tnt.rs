@@ -207,7 +207,7 @@ fn name_of(folder: &Path) -> Result<String> {
     name.map(str::to_owned).ok_or_else(|| {
         Error::layout(
             folder,
-            "expected a folder with a name, found none: give the scene's name",
+            "expected a folder whose name is text, found none: give the scene's name",
         )
     })
 }

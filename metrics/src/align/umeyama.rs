@@ -17,7 +17,8 @@ use nalgebra::{Matrix3, Vector3};
 pub fn umeyama(source: &[DVec3], target: &[DVec3], scale: Scale) -> Result<DMat4> {
     if source.len() != target.len() || source.is_empty() {
         let (s, t) = (source.len(), target.len());
-        let problem = format!("expected as many source as target points, found {s} and {t}");
+        let problem =
+            format!("expected as many source as target points, at least one, found {s} and {t}");
         return Err(Error::invalid("similarity fit", problem));
     }
     Moments::of(source, target).solve(scale)

@@ -187,10 +187,7 @@ struct Sizes {
 }
 
 impl Sizes {
-    /// The view's camera with the image size that its intrinsics are for: `--camera-size`; the
-    /// image's where that goes with the principal point; the depth map's where that does; the
-    /// image's; twice the principal point, which has the depth map's shape, where it is a whole number; a multiple of
-    /// the depth map's; twice the principal point where it is none.
+    /// The view's camera with the image size that its intrinsics are for: `--camera-size`, or as [`Found::size`] says.
     fn camera(
         &mut self,
         job: &FuseJob,
@@ -199,35 +196,17 @@ impl Sizes {
     ) -> Result<Camera> {
         let of = |(width, height): (u32, u32)| Size { width, height };
         let image = image.map(|path| files::read_with(path, image::read_size));
-        let (image, depth) = (image.transpose()?.map(of), of(depth));
-        let twice = of((view.camera.width(), view.camera.height()));
-        let fits = |size: &Size| cameras::goes_with(*size, &view.camera);
-        // In this order; with what is said where it is not sure.
-        let by_twice = Some("twice the principal point");
-        let of_shape = Some(twice).filter(|twice| same_shape(*twice, depth));
-        let sizes = [
-            (job.camera_size, None),
-            (image.filter(fits), None),
-            (
-                Some(depth).filter(fits),
-                image.map(|_| "the depth maps', which the principal point fits, not the images'"),
-            ),
-            (
-                image,
-                Some("the images', whose middle is far from the principal point"),
-            ),
-            (of_shape.filter(|_| is_a_middle(&view.camera)), by_twice),
-            (
-                times(depth, &view.camera),
-                Some("so many times the depth maps', whose middle is near the principal point"),
-            ),
-            (of_shape, by_twice),
-        ];
-        let found = sizes.into_iter().find_map(|(size, why)| Some((size?, why)));
-        let Some((size, assumed)) = found else {
+        let found = Found {
+            camera: &view.camera,
+            image: image.transpose()?.map(of),
+            depth: of(depth),
+        };
+        let given = job.camera_size.map(|size| (size, None));
+        let Some((size, assumed)) = given.or_else(|| found.size()) else {
             let problem = format!(
-                "expected a principal point near the middle of an image or of the depth map of {depth} \
+                "expected a principal point near the middle of an image or of the depth map of {} \
                  pixels, found ({:.1}, {:.1}): give the images' size, --camera-size",
+                found.depth,
                 view.camera.center().x,
                 view.camera.center().y
             );
@@ -263,13 +242,75 @@ impl Sizes {
         }
         if let Some((id, size, why)) = self.assumed.first() {
             let message = format!(
-                "the cams of {} views are taken for images of another size than theirs, view {id}'s for \
-                 {size} pixels ({why}): if that is wrong, give --camera-size",
+                "the cams of {} views do not tell for sure what image size they are for, view {id}'s is taken to be \
+                 for {size} pixels ({why}): if that is wrong, give --camera-size",
                 self.assumed.len()
             );
             context.warnings.add("camera-size", message);
         }
     }
+}
+
+/// What tells the image size that a view's intrinsics are for.
+struct Found<'a> {
+    /// Its size is twice the principal point.
+    camera: &'a Camera,
+    image: Option<Size>,
+    depth: Size,
+}
+
+impl Found<'_> {
+    /// The size, with what is said where it is not sure: twice the principal point, where that is a whole number and
+    /// the image's or the depth map's size is that, so many times that or such a part of it; the image's where that
+    /// goes with the principal point; the depth map's where that does; the image's; twice the principal point, which
+    /// has the depth map's shape, where it is a whole number; a multiple of the depth map's; twice the principal point
+    /// where it is none.
+    fn size(&self) -> Option<(Size, Option<&'static str>)> {
+        let (image, depth, camera) = (self.image, self.depth, self.camera);
+        let (width, height) = (camera.width(), camera.height());
+        let twice = Size { width, height };
+        let fits = |size: &Size| cameras::goes_with(*size, camera);
+        let is_depth =
+            image.map(|_| "the depth maps', which the principal point fits, not the images'");
+        let by_twice = Some("twice the principal point");
+        let whole = Some(twice).filter(|_| is_a_middle(camera));
+        let related = |of: Size| is_times(twice, of) || is_times(of, twice);
+        let sure = whole.filter(|_| image.is_some_and(related) || related(depth));
+        let how_sure = match image.unwrap_or(depth) {
+            size if size == twice => None,
+            _ if depth == twice => is_depth,
+            _ => by_twice,
+        };
+        let of_both = Some("the images', though the principal point fits the depth maps', too")
+            .filter(|_| image.is_some_and(|image| image != depth) && fits(&depth));
+        let of_shape = Some(twice).filter(|twice| same_shape(*twice, depth));
+        let sizes = [
+            (sure, how_sure),
+            (image.filter(fits), of_both),
+            (Some(depth).filter(fits), is_depth),
+            (
+                image,
+                Some("the images', whose middle is far from the principal point"),
+            ),
+            (of_shape.and(whole), by_twice),
+            (
+                times(depth, camera),
+                Some("so many times the depth maps', whose middle is near the principal point"),
+            ),
+            (of_shape, by_twice),
+        ];
+        let mut sizes = sizes.into_iter();
+        sizes.find_map(|(size, why)| Some((size?, why)))
+    }
+}
+
+/// Whether a size is the other, or so many times that along both sides.
+fn is_times(size: Size, part: Size) -> bool {
+    let times = size.width / part.width.max(1);
+    let whole = [(size.width, part.width), (size.height, part.height)]
+        .iter()
+        .all(|&(size, part)| part.checked_mul(times) == Some(size));
+    whole && (1..=MOST_TIMES).contains(&times)
 }
 
 /// Whether the principal point is the middle of an image of whole pixels, as that of rendered and undistorted ones often
@@ -366,6 +407,45 @@ mod tests {
             size_of(&job, (100.0, 240.0), (640, 480)).unwrap(),
             (640, 480)
         );
+    }
+
+    #[test]
+    fn whole_numbers_of_pixels_count_before_sizes_that_are_near() {
+        let size = |(width, height): (u32, u32)| Size { width, height };
+        let found = |twice: (f64, f64), depth, image| {
+            let view = view((0.5 * twice.0, 0.5 * twice.1));
+            let found = Found {
+                camera: &view.camera,
+                image: Some(size(image)),
+                depth: size(depth),
+            };
+            let (size, why) = found.size().unwrap();
+            ((size.width, size.height), why.unwrap_or_default())
+        };
+        // Photographs for colours alone, a little larger or quite another size than the cams are for.
+        let (cams, whole) = ((320.0, 240.0), (320, 240));
+        let (taken, why) = found(cams, whole, (333, 250));
+        assert!(taken == whole && why.starts_with("the depth maps'"));
+        for (depth, image) in [
+            ((160, 120), (640, 480)),
+            ((160, 120), (160, 120)),
+            ((160, 120), (333, 250)),
+            ((118, 88), (640, 480)),
+        ] {
+            let twice = (whole, "twice the principal point");
+            assert_eq!(found(cams, depth, image), twice);
+        }
+        assert_eq!(found((80.0, 60.0), whole, whole).0, (80, 60));
+        assert_eq!(found(cams, (80, 60), whole), (whole, ""));
+        // No whole number, no multiple, too large a one: as before.
+        let (photo, half) = ((640, 480), (320, 240));
+        assert_eq!(found((647.3, 474.9), half, photo), (photo, ""));
+        let (taken, why) = found((600.0, 450.0), half, photo);
+        assert!(taken == photo && why.contains("far from"));
+        assert_eq!(found((1.0, 1.0), (512, 512), (512, 512)).0, (512, 512));
+        // Both are near.
+        let (taken, why) = found((1646.41, 1238.14), (1600, 1184), (1600, 1200));
+        assert!(taken == (1600, 1200) && why.contains("too"));
     }
 
     #[test]
