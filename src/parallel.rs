@@ -8,8 +8,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// More than any machine has processors for; starting each of them is work.
 pub const MOST_THREADS: usize = 1024;
 
-/// Runs `work` with at most `threads` threads; 0 stands for all that the machine offers. An error for more
-/// than 1024.
+/// Runs `work` with at most `threads` threads; 0 stands for all that the machine offers.
+///
+/// # Errors
+/// More than 1024 threads, and threads that the system does not start.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
     if threads > MOST_THREADS {
         let problem = format!("expected at most {MOST_THREADS} threads, found {threads}");
@@ -142,8 +144,11 @@ pub fn map_with<T: Send, R>(
     (0..count).into_par_iter().map_init(room, apart).collect()
 }
 
-/// As [`map`]; the error of the smallest index among those that failed. After a failure nothing new
-/// is begun but what comes before it, so that the same error is found at any number of threads.
+/// As [`map`], for what may fail. After a failure nothing new is begun but what comes before it, so that the same
+/// error is found at any number of threads.
+///
+/// # Errors
+/// That of the smallest index among those that failed.
 pub fn try_map<T: Send>(
     count: usize,
     f: impl Fn(usize) -> Result<T> + Sync + Send,
@@ -175,7 +180,10 @@ pub fn map_pieces<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -
     indices.map(piece).collect()
 }
 
-/// As [`map_pieces`], with errors as [`try_map`] has them.
+/// As [`map_pieces`], for what may fail.
+///
+/// # Errors
+/// As [`try_map`].
 pub fn try_map_pieces<T: Send>(
     count: usize,
     f: impl Fn(usize) -> Result<T> + Sync + Send,

@@ -11,7 +11,10 @@ pub trait Progress: Sync {
     /// Whether the user wants the work to stop.
     fn cancelled(&self) -> bool;
 
-    /// An [`Error::Interrupted`] if the user wants the work to stop.
+    /// Lets work go on, unless the user wants it to stop.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] if the user wants the work to stop.
     fn check(&self) -> Result<()> {
         if self.cancelled() {
             Err(Error::Interrupted)

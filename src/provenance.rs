@@ -40,6 +40,9 @@ pub struct Run {
 
 impl Run {
     /// The run of `command` with these resolved options on these inputs; those that are not hashed yet are.
+    ///
+    /// # Errors
+    /// Options that TOML cannot hold, and inputs that cannot be read.
     pub fn new(command: &str, options: &impl Serialize, inputs: &Inputs) -> Result<Self> {
         let options = toml::Table::try_from(options)
             .map_err(|error| Error::invalid("run.toml", error.to_string()))?;
@@ -55,6 +58,9 @@ impl Run {
     }
 
     /// Reads a `run.toml`.
+    ///
+    /// # Errors
+    /// Names the file that cannot be read, or the key in it that is missing, unknown or of another kind.
     pub fn read(path: &Path) -> Result<Self> {
         let text = files::read_text(path)?;
         toml::from_str(&text).map_err(|error| {
@@ -64,6 +70,9 @@ impl Run {
     }
 
     /// Writes a `run.toml`.
+    ///
+    /// # Errors
+    /// Options that TOML cannot hold, and a file that cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let text =
             toml::to_string(self).map_err(|error| Error::invalid("run.toml", error.to_string()))?;
@@ -169,6 +178,9 @@ impl Inputs {
     }
 
     /// Lists another one.
+    ///
+    /// # Errors
+    /// As [`Inputs::list`].
     pub fn add(&mut self, path: &Path) -> Result<()> {
         let listed = Listed::at(path, &self.own)?;
         self.listed.insert(path.display().to_string(), listed);
@@ -301,6 +313,9 @@ fn hash_file(path: &Path) -> Result<blake3::Hash> {
 }
 
 /// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.
+///
+/// # Errors
+/// As [`Inputs::list`], and what cannot be read.
 pub fn hash_path(path: &Path) -> Result<String> {
     let mut inputs = Inputs::default();
     inputs.add(path)?;
@@ -308,6 +323,9 @@ pub fn hash_path(path: &Path) -> Result<String> {
 }
 
 /// SHA-256 of a file's bytes, in hexadecimal: what `sha256sum` prints and records name files by.
+///
+/// # Errors
+/// A file that cannot be read.
 pub fn sha256(path: &Path) -> Result<String> {
     let unreadable = || mvs_datasets::Error::io(path, "read");
     let mut file = std::fs::File::open(path).map_err(unreadable())?;

@@ -80,6 +80,10 @@ impl<'a> Inputs<'a> {
 
 impl Blender {
     /// Prepares to blend images of `size` (width, height), both ≥ 1.
+    ///
+    /// # Errors
+    /// No pixels, and a D0 or standard deviation that is not finite and above 0, or a standard deviation so far off
+    /// that it has no D0.
     pub fn new(size: (u32, u32), options: &BlendOptions) -> Result<Self> {
         let (width, height) = (size.0 as usize, size.1 as usize);
         if width == 0 || height == 0 {
@@ -104,6 +108,9 @@ impl Blender {
     }
 
     /// As [`super::blend`].
+    ///
+    /// # Errors
+    /// Images or a mask of another size than the blend was prepared for.
     pub fn blend(
         &self,
         rendered: &ColorImage,
@@ -117,6 +124,9 @@ impl Blender {
     }
 
     /// As [`Blender::blend`], before values are rounded and clipped to 0 … 255.
+    ///
+    /// # Errors
+    /// As [`Blender::blend`].
     pub fn blend_unrounded(
         &self,
         rendered: &ColorImage,

@@ -87,6 +87,9 @@ impl BlendOptions {
 /// Blends `rendered` with `photograph`, both of one size, `mask` telling where there is rendered
 /// surface. Outside the mask: in `reference` mode the formula's own values, in the others the
 /// photograph.
+///
+/// # Errors
+/// As [`Blender::new`], and a photograph or mask of another size than the rendering.
 pub fn blend(
     rendered: &ColorImage,
     photograph: &ColorImage,
@@ -97,6 +100,9 @@ pub fn blend(
 }
 
 /// The blended image with black where there is no rendered surface.
+///
+/// # Errors
+/// A mask of another size than the image's.
 pub fn masked(blended: &ColorImage, mask: &Mask) -> Result<ColorImage> {
     if blended.size() != mask.size() {
         let (expected, found) = (blended.size(), mask.size());

@@ -14,6 +14,9 @@ use toml::{Table, Value};
 
 /// Options from layers, the later ones overriding the earlier ones key by key. What no layer says
 /// is the default; a key that the options do not have is an error.
+///
+/// # Errors
+/// Names the key that the options do not have, or whose value they do not take.
 pub fn resolve<T: DeserializeOwned>(layers: impl IntoIterator<Item = Table>) -> Result<T> {
     let mut merged = Table::new();
     for layer in layers {
@@ -25,6 +28,9 @@ pub fn resolve<T: DeserializeOwned>(layers: impl IntoIterator<Item = Table>) -> 
 }
 
 /// The layer that says what `flags` says; absent options are left out.
+///
+/// # Errors
+/// Flags that are no table, and values that TOML cannot hold, such as numbers of 2⁶³ and more.
 pub fn layer_of(flags: &impl Serialize) -> Result<Table> {
     Table::try_from(flags).map_err(|error| Error::invalid("options", error.to_string()))
 }

@@ -21,9 +21,15 @@ pub trait DepthMaps: Sync {
     /// The numbers of the view's source views, best first.
     fn sources(&self, index: usize) -> &[usize];
     /// The estimated z-depth.
+    ///
+    /// # Errors
+    /// What stands in the way of reading it.
     fn depth(&self, index: usize) -> Result<DepthMap>;
     /// Calls `take(row, first column, depths)` for runs of columns of [`DepthMaps::depth`], row by row from the
     /// top or the bottom, after a check of its size. Where there is no run, there is no depth.
+    ///
+    /// # Errors
+    /// As [`DepthMaps::depth`], and a map that does not have its camera's size.
     fn depth_runs(&self, index: usize, take: &mut dyn FnMut(usize, usize, &[f32])) -> Result<()> {
         let depth = self.depth(index)?;
         check_size(self.view(index), depth.size(), "depth map")?;
@@ -31,9 +37,15 @@ pub trait DepthMaps: Sync {
         Ok(())
     }
     /// Confidence per pixel, of the depth map's size.
+    ///
+    /// # Errors
+    /// What stands in the way of reading it.
     fn confidence(&self, index: usize) -> Result<Option<Raster<f32>>>;
     /// Puts of every row of [`DepthMaps::confidence`] the `wanted` columns where they belong in `to`, which is
     /// row-major and of the depth map's size; false without confidence.
+    ///
+    /// # Errors
+    /// As [`DepthMaps::confidence`], and a map that does not have its camera's size.
     fn confidence_parts(
         &self,
         index: usize,
@@ -47,17 +59,29 @@ pub trait DepthMaps: Sync {
         Ok(put_parts(confidence.as_ref(), wanted, to))
     }
     /// Which pixels count, of the depth map's size.
+    ///
+    /// # Errors
+    /// What stands in the way of reading it.
     fn mask(&self, _index: usize) -> Result<Option<Mask>> {
         Ok(None)
     }
     /// Normals in the camera frame, of the depth map's size.
+    ///
+    /// # Errors
+    /// What stands in the way of reading them.
     fn normals(&self, _index: usize) -> Result<Option<NormalMap>> {
         Ok(None)
     }
     /// The photograph, of any size.
+    ///
+    /// # Errors
+    /// What stands in the way of reading it.
     fn image(&self, index: usize) -> Result<Option<ColorImage>>;
     /// The width and height of [`DepthMaps::image`], and of it what lies in the window that `wanted` answers
     /// to them.
+    ///
+    /// # Errors
+    /// As [`DepthMaps::image`], and a window that is empty or reaches beyond the image.
     fn image_part(
         &self,
         index: usize,
@@ -141,12 +165,24 @@ impl DepthMaps for &[Estimate] {
 /// Where the maps between two passes are kept, by key: in memory, or in files.
 pub trait Scratch: Sync {
     /// Keeps `values` under `key`, in place of what was there.
+    ///
+    /// # Errors
+    /// What stands in the way of keeping them.
     fn store(&self, key: u64, values: Vec<f32>) -> Result<()>;
     /// What was stored under `key`.
+    ///
+    /// # Errors
+    /// A key under which nothing is stored, and what stands in the way of reading it.
     fn fetch(&self, key: u64) -> Result<Arc<Vec<f32>>>;
     /// Puts the values in `range` of what was stored under `key` into `to`, in place of what it held.
+    ///
+    /// # Errors
+    /// As [`Scratch::fetch`], and a range that reaches beyond what was stored.
     fn fetch_part(&self, key: u64, range: Range<usize>, to: &mut Vec<f32>) -> Result<()>;
     /// Forgets `key`.
+    ///
+    /// # Errors
+    /// What stands in the way of removing it.
     fn discard(&self, key: u64) -> Result<()>;
 }
 

@@ -135,6 +135,9 @@ impl Points {
     }
 
     /// As a cloud with the columns that there are.
+    ///
+    /// # Errors
+    /// Columns that have not one entry per point.
     pub fn into_cloud(self, columns: Columns) -> Result<PointCloud> {
         let mut cloud = PointCloud::new(self.positions).with_view_counts(self.view_counts)?;
         if columns.has(Columns::NORMALS) {
@@ -153,6 +156,9 @@ impl Points {
 /// Takes points as they are finished: by view, row-major within a view.
 pub trait PointSink {
     /// Takes some points of a view.
+    ///
+    /// # Errors
+    /// What stands in the way of writing them.
     fn take(&mut self, points: &Points) -> Result<()>;
     /// The columns of the rows that it takes instead, if it does; those that the points do not have must not be
     /// among them.
@@ -170,6 +176,9 @@ pub trait PointSink {
         Ok(())
     }
     /// Hears that a view has no more points; called for every view.
+    ///
+    /// # Errors
+    /// What stands in the way of writing what was held back for it.
     fn view_done(&mut self) -> Result<()> {
         Ok(())
     }

@@ -67,6 +67,9 @@ pub fn draw(seed: u64, view: u32) -> [Step; 3] {
 
 /// Applies steps in order. Values stay fractional between steps, are clipped to 0 … 255 after
 /// brightness and contrast, and are rounded at the end.
+///
+/// # Errors
+/// Never: steps keep the image's size.
 pub fn apply(image: &ColorImage, steps: &[Step]) -> Result<ColorImage> {
     let mut values = image.map(|pixel| pixel.map(f32::from));
     for step in steps {

@@ -21,6 +21,9 @@ pub struct Fit {
 impl Fit {
     /// As [`Fit::new`], and the fitted image's camera is a pinhole one with the same focal lengths
     /// and principal point: what the lens did to the photograph is undone.
+    ///
+    /// # Errors
+    /// As [`Fit::new`].
     pub fn undistorting(camera: &Camera, size: Option<(u32, u32)>) -> Result<Self> {
         let pinhole = camera.with_distortion(Distortion::None)?;
         let bent = camera.distortion() != Distortion::None;
@@ -32,6 +35,9 @@ impl Fit {
 
     /// The fit of an image that `camera` took to `size` (width, height), or to its own size; at most
     /// 65535 pixels a side, before the cut too.
+    ///
+    /// # Errors
+    /// A size without pixels, and one that takes more than 65535 pixels a side or 2²⁹ in all to cover.
     pub fn new(camera: &Camera, size: Option<(u32, u32)>) -> Result<Self> {
         let own = (camera.width(), camera.height());
         let size = size.unwrap_or(own);
@@ -84,6 +90,9 @@ impl Fit {
     /// The photograph, of whatever size, fitted, and the number of pixels that it does not cover,
     /// where its border is repeated. Its shape must be that of the camera it was fitted for, to the
     /// rounding of its sides.
+    ///
+    /// # Errors
+    /// A photograph of another shape, and one of more than 2²⁹ pixels whose lens is to be undone.
     pub fn image(&self, photograph: ColorImage) -> Result<(ColorImage, usize)> {
         let size = (self.camera.width(), self.camera.height());
         let bent = self.lens.is_some();
@@ -109,6 +118,9 @@ impl Fit {
 
 /// The image resized by the smallest scale that covers `size` (width, height) and cut to its centre,
 /// whatever its shape.
+///
+/// # Errors
+/// An image of more than 2²⁹ pixels; else as [`Fit::new`].
 pub fn covering(image: ColorImage, size: (u32, u32)) -> Result<ColorImage> {
     let (width, height) = image.size();
     let center = 0.5 * DVec2::new(f64::from(width), f64::from(height));

@@ -94,6 +94,10 @@ impl Covisibility {
     ///
     /// A point counts for another view when it projects inside that view's image, faces it, and no
     /// surface stands between.
+    ///
+    /// # Errors
+    /// Options without a point or a source view, an angle that is not finite, a standard deviation that is not finite
+    /// and above 0, and interruption.
     pub fn measure(
         (renderer, mesh): (&Renderer, &Mesh),
         views: &[View],

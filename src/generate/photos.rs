@@ -17,9 +17,15 @@ use std::path::{Path, PathBuf};
 pub trait Photographs: Sync {
     /// The photograph that belongs to `view`. `rendering` is what the photograph will be blended
     /// with; a synthetic scene lights it.
+    ///
+    /// # Errors
+    /// What stands in the way of reading or making it.
     fn photograph(&self, view: &View, rendering: &Rendering) -> Result<ColorImage>;
 
     /// What the photograph's content follows from: a hash of its file, say.
+    ///
+    /// # Errors
+    /// What stands in the way of reading it.
     fn digest(&self, view: &View) -> Result<String>;
 
     /// The EXIF orientation that the photograph's file states, if it is not 1 (upright as stored).
@@ -48,6 +54,10 @@ const OTHER_ENDINGS: [&str; 6] = ["tif", "tiff", "bmp", "webp", "heic", "exr"];
 
 impl PhotoFolder {
     /// Finds the photograph of each view; the ones that are missing are named at once.
+    ///
+    /// # Errors
+    /// No folder; views without a photograph, or two with the same; files that cannot be looked at, which is not the
+    /// same as missing.
     pub fn open(folder: &Path, views: &[View]) -> Result<Self> {
         if !is(folder, std::fs::Metadata::is_dir)? {
             let problem = "expected a folder of photographs, found none";
@@ -85,6 +95,9 @@ impl PhotoFolder {
     }
 
     /// The (width, height) in pixels that a view's photograph has.
+    ///
+    /// # Errors
+    /// A view that was not among those of [`PhotoFolder::open`], and a photograph that cannot be read.
     pub fn size(&self, view: &View) -> Result<(u32, u32)> {
         Ok(files::read_with(self.path(view)?, image::read_size)?)
     }

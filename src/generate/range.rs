@@ -26,6 +26,9 @@ pub enum RangeRule {
 
 /// The range of `depth` by `rule`, then made longer by the fraction `margin` (≥ 0) of its length at
 /// either end. `None` where there is no depth. Always above 0 and not empty.
+///
+/// # Errors
+/// A `margin` that is not finite and at least 0, or so large that the range has no end.
 pub fn depth_range(depth: &DepthMap, rule: RangeRule, margin: f64) -> Result<Option<DepthRange>> {
     let Some(extent) = order::extent(depth) else {
         return check_margin(margin).map(|()| None);

@@ -8,6 +8,9 @@ use mvs_datasets::scene::{ColorImage, Raster};
 pub(super) const LOBES: f64 = 3.0;
 
 /// The image resized to `size` (width, height), both ≥ 1.
+///
+/// # Errors
+/// A `size` without pixels.
 pub fn resized(image: &ColorImage, size: (u32, u32)) -> Result<ColorImage> {
     if image.size() == size {
         return Ok(image.clone());

@@ -70,6 +70,9 @@ struct SetWork<'a> {
 
 /// Generates the scene in `folder`. Views that are there already, made from the same inputs with
 /// the same options, are kept. `scene.json` is written last: a folder without it is not finished.
+///
+/// # Errors
+/// As [`generate_sets`].
 pub fn generate(
     source: &Source<'_>,
     folder: &BlendedFolder,
@@ -91,6 +94,11 @@ pub fn generate(
 /// at the first target's size and hold for all, and a view must see surface in each; depth is rendered
 /// at each size. `options.size` is not looked at. `begin` is told the place of each target just before
 /// what lies there is changed.
+///
+/// # Errors
+/// Options out of range, no target, a mesh that cannot be rendered, views of which no two are each other's sources, a
+/// photograph that cannot be read or has another shape than its camera, no surface at a view's pixel centres, views
+/// that no shard has finished where shards are merged, whatever writing brings, and interruption.
 pub fn generate_sets(
     source: &Source<'_>,
     (targets, part): (&[Target], Part),

@@ -11,6 +11,10 @@ use std::collections::BTreeMap;
 /// itself, never a score of 0. A view without any is nobody's source either.
 ///
 /// `seen` has per view the places in `points` (world) of those it saw, each once.
+///
+/// # Errors
+/// Options without a point or a source view, an angle that is not finite, and a standard deviation that is not finite
+/// and above 0.
 pub fn sparse_sources(
     views: &[View],
     (points, seen): (&[DVec3], &[Vec<usize>]),

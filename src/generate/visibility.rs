@@ -17,6 +17,9 @@ pub const VISIBLE: u8 = 255;
 
 /// For each pixel of `view`, rendered as `rendering`: whether `source` sees its surface. Values
 /// [`OUTSIDE`], [`OCCLUDED`], [`VISIBLE`]. The rendering must have normals.
+///
+/// # Errors
+/// A rendering without normals.
 pub fn occlusion(
     renderer: &Renderer,
     (view, rendering): (&View, &Rendering),
@@ -74,6 +77,9 @@ fn seen(
 
 /// Pixels on either side of a jump: a neighbour (of four) has no depth, or one that differs by more
 /// than `jump` of the nearer one.
+///
+/// # Errors
+/// Never, for maps of fewer than 2³² pixels.
 pub fn depth_edges(depth: &DepthMap, jump: f32) -> Result<Mask> {
     let (width, height) = depth.size();
     let is_edge = |index: u32| {

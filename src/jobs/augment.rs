@@ -49,6 +49,10 @@ pub struct AugmentedImage {
 }
 
 /// Changes every image of the folder.
+///
+/// # Errors
+/// No folder given, none with images in it, a name that is not UTF-8 or a link that leads nowhere, an output folder
+/// as [`OutDir::create`] refuses it, whatever reading and writing brings, and interruption.
 pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
     super::require(
         "augment",

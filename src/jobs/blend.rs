@@ -69,6 +69,11 @@ struct Input {
 }
 
 /// Blends every rendering with the photograph of its name.
+///
+/// # Errors
+/// A folder not given, no renderings, two of one name or that become one file, a rendering without its photograph,
+/// renderings that are all black, a depth map or options that do not go with them, an output folder as
+/// [`OutDir::create`] refuses it, whatever reading and writing brings, and interruption.
 pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
     super::require(
         "blend",

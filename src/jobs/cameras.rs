@@ -36,6 +36,9 @@ const NOT_FAR: f64 = 0.2;
 /// A `cam.txt` has no image size: without `options.size` a view's is `likely` where that goes with its
 /// principal point, else twice the principal point; if some views have the one and some the other, a
 /// warning says so.
+///
+/// # Errors
+/// No cameras there, files that cannot be read, and what they leave open and `options` does not say.
 pub fn read(
     path: &Path,
     (pixel_centre, options): (PixelCentre, &CameraOptions),
@@ -254,6 +257,9 @@ fn is_within(fraction: f64, size: Size, camera: &Camera) -> bool {
 }
 
 /// The scene with cameras scaled to cover images of `size` and cropped to their centre.
+///
+/// # Errors
+/// As [`Fit::new`].
 pub fn fitted(scene: Scene, size: Size) -> Result<Scene> {
     mapped(scene, |view| {
         Ok(Fit::new(&view.camera, Some((size.width, size.height)))?.view(view))
@@ -270,6 +276,9 @@ pub fn lens_count(scene: &Scene) -> usize {
 
 /// The scene with pinhole cameras of the same focal lengths and principal points in the place of
 /// those with a lens.
+///
+/// # Errors
+/// Never: every camera is one without its lens too.
 pub fn without_lenses(scene: Scene) -> Result<Scene> {
     mapped(scene, |view| {
         Ok(View {

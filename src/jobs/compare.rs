@@ -21,6 +21,10 @@ pub struct CompareJob {
 }
 
 /// Compares the F-scores.
+///
+/// # Errors
+/// A tolerance that is not from 0 to 1, and records that are not there or cannot be read; else as
+/// [`compare::compare`].
 pub fn run(job: &CompareJob, context: &Context<'_>) -> Result<Comparison> {
     if let Some(tolerance) = job.tolerance.filter(|value| !(0.0..=1.0).contains(value)) {
         let problem = format!("expected a difference of F-scores from 0 to 1, found {tolerance}");

@@ -79,6 +79,11 @@ const NOT_COUNTED: [u8; 3] = [64; 3];
 const NO_ESTIMATE: [u8; 3] = [40, 70, 200];
 
 /// Compares every view's estimate with its truth.
+///
+/// # Errors
+/// A scene that cannot be read, no estimate at all, cams without a depth range, fewer than 3 planes, an estimate of
+/// another shape or of more pixels than the truth, a confidence map of another size, an output folder as
+/// [`OutDir::create`] refuses it, whatever reading and writing brings, and interruption.
 pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
     let folder = BlendedFolder::new(&job.truth);
     let scene = folder.read_scene(None)?;

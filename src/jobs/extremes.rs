@@ -157,6 +157,10 @@ impl Rows {
 }
 
 /// Measures everything and writes `extremes.csv`.
+///
+/// # Errors
+/// Fewer than 2 points, no width, an output folder as [`OutDir::create`] refuses it, whatever writing brings, and
+/// interruption.
 pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> {
     if job.points < 2 {
         let problem = format!(
@@ -187,6 +191,9 @@ pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> 
 }
 
 /// The rows of every stage.
+///
+/// # Errors
+/// No points, and interruption.
 pub fn measure(job: &ExtremesJob, context: &Context<'_>) -> Result<Vec<ExtremesRow>> {
     type Stage = fn(&ExtremesJob, &mut Rows) -> Result<()>;
     let stages: [(&'static str, Stage); 4] = [

@@ -140,6 +140,11 @@ struct Report<'a> {
 /// the pixels and the `.run.toml`.
 ///
 /// Intermediate maps lie in a temporary folder beside the cloud where they do not fit into memory.
+///
+/// # Errors
+/// Options that do not go together, a result that is there without `force` or would replace what is read or another
+/// command's, maps that are missing or do not go with their cameras, [`Error::NoPoints`] where no pixel passes; else
+/// as [`fuse_maps`].
 pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     job.check()?;
     let (report, run_file) = (report_path(&job.out), run_file_beside(&job.out));

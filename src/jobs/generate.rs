@@ -88,6 +88,11 @@ pub struct GeneratedSet {
 }
 
 /// Generates the scene, or a part of it, or finishes it where an earlier run was interrupted.
+///
+/// # Errors
+/// Paths not given, options that do not go together, an output folder as [`OutDir::create_again`] refuses it or in
+/// which what is read would be replaced, cameras, photographs or meshes that cannot be read; else as
+/// [`generate::generate_sets`].
 pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<GenerateOutcome> {
     check_paths(job)?;
     let name = name_of(job);

@@ -63,6 +63,9 @@ const PATHS: [&str; 4] = ["mesh", "cameras", "photos", "out"];
 ///
 /// A scene's options win over `defaults`, `flags` over both. Paths are seen from the manifest's
 /// folder. A scene that fails is reported and the next one is made.
+///
+/// # Errors
+/// A manifest that cannot be read, has other keys or no scene, and interruption.
 pub fn run(
     manifest: &Path,
     flags: &Table,

@@ -27,6 +27,10 @@ impl Default for MeshOptions {
 }
 
 /// Reads the meshes as one; what was odd about them becomes warnings.
+///
+/// # Errors
+/// Files that are missing or cannot be read, no faces in them or none with an area, and textures that would take more
+/// than `options.texture_memory`.
 pub fn read_mesh(
     paths: &[PathBuf],
     options: &MeshOptions,

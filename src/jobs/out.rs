@@ -51,6 +51,11 @@ impl OutDir {
     /// input and one of whose result there are files among the inputs.
     ///
     /// Until the result is finished or given up no other run may take the folder.
+    ///
+    /// # Errors
+    /// An empty path, a folder that cannot be made or written, that another run has locked, or that is an input or
+    /// has inputs among the files of its result; [`Error::Exists`] where it has files and is not of such an
+    /// interrupted run, without `force`.
     pub fn create(path: &Path, run: Run, force: bool) -> Result<Self> {
         make_folder(path, &run)?;
         let lock = locked(path)?;
@@ -77,6 +82,10 @@ impl OutDir {
 
     /// What [`OutDir::create_again`] would refuse whatever the inputs are: for before the long reading of
     /// them. `run` needs none.
+    ///
+    /// # Errors
+    /// [`Error::Exists`] where the folder has files and no mark of the same command and options, without `force`; a
+    /// folder that cannot be read.
     pub fn check_again(path: &Path, run: &Run, force: bool) -> Result<()> {
         let same = |mark: &str| {
             let there = Run::read(&path.join(mark));
@@ -112,6 +121,9 @@ impl OutDir {
 
     /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the
     /// same bytes are made again. Several runs may do so at once, as shards do.
+    ///
+    /// # Errors
+    /// As [`OutDir::create`], but not for a folder that another run has, nor for a finished result of the same run.
     pub fn create_again(path: &Path, run: Run, force: bool) -> Result<Self> {
         make_folder(path, &run)?;
         let same = Self::at(path, run.clone()).is_marked(FINISHED);
@@ -148,6 +160,9 @@ impl OutDir {
     }
 
     /// Refuses what the run reads at `name` in the folder, or below it: before others write there.
+    ///
+    /// # Errors
+    /// Names the input that lies there, below it, or above it within the folder.
     pub fn check_not_read(&self, name: impl AsRef<Path>) -> Result<()> {
         let Ok(real) = self.path.canonicalize() else {
             return Ok(());
@@ -168,6 +183,9 @@ impl OutDir {
     }
 
     /// Writes a file in the folder, unless it is read.
+    ///
+    /// # Errors
+    /// As [`OutDir::check_not_read`], what `write` brings, and a file that cannot be made or replaced.
     pub fn write(
         &self,
         name: impl AsRef<Path>,
@@ -180,6 +198,9 @@ impl OutDir {
     }
 
     /// Takes over the whole result in a folder of this one, which the run has made: its files are this run's.
+    ///
+    /// # Errors
+    /// As [`Run::read`], of the `run.toml` there.
     pub fn adopt(&self, name: impl AsRef<Path>) -> Result<()> {
         let name = name.as_ref();
         let run = Run::read(&self.path.join(name).join(FINISHED))?;
@@ -194,6 +215,9 @@ impl OutDir {
     }
 
     /// Writes a value as indented JSON with a final line break.
+    ///
+    /// # Errors
+    /// A value that JSON cannot hold; else as [`OutDir::write`].
     pub fn write_json(&self, name: impl AsRef<Path>, value: &impl serde::Serialize) -> Result<()> {
         let text = serde_json::to_string_pretty(value)
             .map_err(|error| Error::invalid("JSON", error.to_string()))?;
@@ -201,6 +225,9 @@ impl OutDir {
     }
 
     /// Marks the result as finished, and removes what only the one before it had.
+    ///
+    /// # Errors
+    /// Files of the result before that cannot be removed, and a `run.toml` that cannot be written.
     pub fn finish(mut self) -> Result<()> {
         self.before = None;
         let written = self.written(|_| true);
@@ -381,6 +408,10 @@ pub(super) fn remove_if_there(path: &Path) -> Result<()> {
 
 /// Checks that a result file may be written: it is not there, or may be replaced, and its folder can
 /// be made. What a killed run has left of it goes.
+///
+/// # Errors
+/// An empty path or one that names a folder, a device or pipe there, a folder that cannot be made, and
+/// [`Error::Exists`] where the file is there, without `force`.
 pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
     check_given(path)?;
     if path.is_dir() {

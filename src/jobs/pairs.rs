@@ -58,6 +58,11 @@ pub struct ViewSources {
 }
 
 /// Chooses source views and writes them.
+///
+/// # Errors
+/// Paths not given, a file that is there without `force` or would replace what is read or another command's, cameras,
+/// points or meshes that cannot be read, options out of range, views of which no two are each other's sources,
+/// whatever writing brings, and interruption.
 pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
     super::require(
         "pairs",

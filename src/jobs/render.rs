@@ -103,6 +103,11 @@ pub struct RenderedView {
 const NAMED: usize = 20;
 
 /// Renders every view.
+///
+/// # Errors
+/// Paths not given, cameras or meshes that cannot be read, an output folder as [`OutDir::create`] refuses it or in
+/// which what is read would be replaced, a number of samples that is no square, no view that sees the mesh, whatever
+/// writing brings, and interruption.
 pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     let mesh: Vec<&Path> = job.mesh.iter().map(PathBuf::as_path).collect();
     super::require(

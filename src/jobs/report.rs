@@ -49,6 +49,11 @@ pub struct ReportOutcome {
 
 /// Joins the records and writes `results.csv`, the leaderboards and the page `index.html`, which also
 /// shows the curves, errors and clouds of the score folders that the records lie in.
+///
+/// # Errors
+/// No records, a folder without files of them, a file that cannot be read, what [`leaderboard::boards`] refuses, a
+/// score folder or picture that cannot be read, an output folder as [`OutDir::create`] refuses it, a page over
+/// 10 MB, whatever writing brings, and interruption.
 pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     let (files, records) = read_all(&job.records, Some(&job.out), context)?;
     let boards = leaderboard::boards(&records).map_err(|error| place_of(error, &files))?;
@@ -154,6 +159,9 @@ fn place_of(error: Error, files: &[PathBuf]) -> Error {
 }
 
 /// Recomputes what a published table derives; see [`check::check`].
+///
+/// # Errors
+/// A file that cannot be read; else as [`check::check`], with the file named.
 pub fn check_table(path: &Path) -> Result<Checked> {
     Ok(files::read_with(path, |bytes| check::check(bytes))?)
 }

@@ -30,6 +30,10 @@ fn in_record(folder: &Path) -> impl Fn(Error) -> Error {
 }
 
 /// The README that the folder's `run.toml` and CSV files make.
+///
+/// # Errors
+/// A `run.toml` that cannot be read or is no record, files that it names and that are not there, and what
+/// [`Folder::readme`] or [`Csv::parse`] refuses.
 pub fn render(folder: &Path) -> Result<String> {
     let (record, tables) = read(folder)?;
     record.readme(&tables).map_err(in_record(folder))
@@ -38,6 +42,10 @@ pub fn render(folder: &Path) -> Result<String> {
 /// The text of `page`, a Markdown file in a folder above, with the folder's first table and its
 /// pictures between the lines `<!-- begin BASE -->` and `<!-- end BASE -->`, where BASE is the path
 /// from the page to the folder.
+///
+/// # Errors
+/// A page that cannot be read or has not the two lines in this order, a folder as [`render`] refuses to read it, and
+/// what [`Folder::excerpt`] refuses.
 pub fn spliced(page: &Path, folder: &Path) -> Result<String> {
     let base = path_between(page, folder);
     let text = files::read_text(page)?;
@@ -74,6 +82,9 @@ fn path_between(page: &Path, folder: &Path) -> String {
 }
 
 /// Writes [`spliced`] into the page.
+///
+/// # Errors
+/// As [`spliced`], and a page that cannot be written.
 pub fn splice(page: &Path, folder: &Path) -> Result<()> {
     let text = spliced(page, folder)?;
     files::write_atomically(page, |out| out.write_all(text.as_bytes()))?;
@@ -81,6 +92,9 @@ pub fn splice(page: &Path, folder: &Path) -> Result<()> {
 }
 
 /// Writes the folder's `README.md`; one that was written by hand is replaced only with `force`.
+///
+/// # Errors
+/// As [`render`]; a README that cannot be read or written, and [`Error::Exists`] for one by hand, without `force`.
 pub fn run(folder: &Path, force: bool) -> Result<()> {
     let text = render(folder)?;
     let path = folder.join("README.md");

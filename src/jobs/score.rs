@@ -113,6 +113,11 @@ impl Default for ScoreJob {
 }
 
 /// Scores one reconstruction.
+///
+/// # Errors
+/// Options that are missing, out of range or do not go together, files that cannot be read or hold only points that
+/// are not finite, cameras that give no alignment, no truth to judge against, an output folder as [`OutDir::create`]
+/// refuses it, whatever writing brings, and interruption.
 pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     let plan = Plan::new(job)?;
     let inputs: Vec<&Path> = plan.inputs.iter().map(PathBuf::as_path).collect();

@@ -75,8 +75,12 @@ struct Files {
 /// folder `<Scene>` with the model, or `<Scene>.txt`.
 ///
 /// Results go to `OUT/<scene>/<method>/`, all rows to `OUT/scores.csv`; a failure is a row that says
-/// why. Of a batch that is replaced, the results of what failed or is gone are removed. An error where nothing is
-/// found to score, a value is none that a scene can be scored with, or a result would lie in its method's folder.
+/// why. Of a batch that is replaced, the results of what failed or is gone are removed.
+///
+/// # Errors
+/// Options that are for one scene or with which none can be scored, nothing to score, two folders of one scene, a
+/// result that would lie in its method's folder, an output folder as [`OutDir::create`] refuses it, folders that
+/// cannot be read, whatever writing brings, and interruption.
 pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     check_options(job)?;
     let root = job.all.as_deref().unwrap_or(Path::new("."));

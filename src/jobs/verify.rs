@@ -40,6 +40,10 @@ impl VerifyOutcome {
 }
 
 /// Verifies the scene or scenes.
+///
+/// # Errors
+/// No folder of a scene, or one that cannot be listed, an output folder as [`OutDir::create`] refuses it, a
+/// `verify.json` that cannot be written; else as [`verify::verify`].
 pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     super::require("verify", &[("SCENE", &[&job.scene], "a scene folder")])?;
     let (folders, missing) = scenes_at(&job.scene)?;

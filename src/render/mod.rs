@@ -224,6 +224,9 @@ pub struct Renderer<'m> {
 
 impl<'m> Renderer<'m> {
     /// Prepares `mesh`, which must have triangles, and textures of at most 4 GiB each.
+    ///
+    /// # Errors
+    /// A mesh without triangles, and textures of more than 4 GiB.
     pub fn new(mesh: &'m Mesh) -> Result<Self> {
         if mesh.triangles().is_empty() {
             let problem = "expected at least one triangle, found none: nothing can be rendered";
@@ -251,6 +254,9 @@ impl<'m> Renderer<'m> {
     }
 
     /// Renders `view`.
+    ///
+    /// # Errors
+    /// A number of samples per pixel that is no square from 1 to 64.
     pub fn render(&self, view: &View, options: &RenderOptions) -> Result<Rendering> {
         let side = options.grid()?;
         let normals = options.interpolated_normals.then(|| {
@@ -322,6 +328,9 @@ impl<'m> Renderer<'m> {
     /// What the centre of each pixel of `view` sees, into `seen`: depth and normal to the bits that
     /// [`Self::render`] gives, without its colours, and the place on the triangle, worked out in f64.
     /// The camera must have no lens distortion. Both sides of triangles are seen, cut-out parts too.
+    ///
+    /// # Errors
+    /// A camera with a lens.
     pub fn see(&self, view: &View, seen: &mut Seen) -> Result<()> {
         if view.camera.distortion() != Distortion::None {
             let problem = "expected a camera without lens distortion for maps of visibility";

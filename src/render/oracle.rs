@@ -42,6 +42,9 @@ impl<'m> Oracle<'m> {
     }
 
     /// As [`super::Renderer::render`], to the same bytes.
+    ///
+    /// # Errors
+    /// As [`super::Renderer::render`].
     pub fn render(&self, view: &View, options: &RenderOptions) -> Result<Rendering> {
         let side = options.grid()?;
         let (width, height) = (view.camera.width(), view.camera.height());

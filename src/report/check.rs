@@ -93,6 +93,10 @@ impl Cell {
 /// tables apart that share a file; `rank` and `mean rank` and lines that begin with `#` are passed
 /// over. Empty cells and dashes are missing, a † after a number too is. A number keeps its scale, so
 /// that fractions and percents are checked alike. A table of which nothing can be recomputed is refused.
+///
+/// # Errors
+/// A source that cannot be read or is no CSV with these columns, a metric that is not known, a cell that is no number
+/// from 0 up, two rows of one method and metric in a table, and nothing to recompute.
 pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     let (bytes, comment) = (&whole(source)?, Some(b'#'));
     let lines = Lines { bytes, comment };

@@ -20,6 +20,9 @@ const REACH: f64 = 1.0;
 
 /// Draws the cloud from the viewer's first pose, `width` × `height` pixels; nearer points hide
 /// farther ones. Points that are not finite are left out, and those far from the others, as [`Usual`] has it.
+///
+/// # Errors
+/// A picture without pixels.
 pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImage> {
     let usual = Usual::of(cloud.positions.iter().copied());
     let is_shown = |point: DVec3| point.is_finite() && usual.holds(point);

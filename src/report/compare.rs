@@ -90,9 +90,9 @@ impl Comparison {
 /// beside one whose status is, as in leaderboards, nor beside none; two such are compared. Methods are paired by name,
 /// unless both sets hold a single one; splits where a set has the same cell in several.
 ///
-/// Fails when the scores are of different protocols, profiles or units, or a cell's of different truths,
-/// crops or samplings of meshes, unless they may be mixed; when a cell is there twice; or when the sets
-/// have no cell in common.
+/// # Errors
+/// Scores of different protocols, profiles or units, and cells of different truths, crops or samplings of meshes,
+/// unless they may be mixed; a cell that is there twice; no cell in common, or none of those with an F-score.
 pub fn compare(
     before: &[Record],
     after: &[Record],

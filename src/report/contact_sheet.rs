@@ -26,8 +26,11 @@ pub struct SheetRow<'a> {
 }
 
 /// Draws rows of pictures, each at most `cell_width` pixels wide, under the names of their columns.
-/// Larger pictures are averaged down, smaller ones stay as they are. Fails when there is no row, a
-/// row has not one entry per column, no picture at all is given, or the sheet would be too large.
+/// Larger pictures are averaged down, smaller ones stay as they are.
+///
+/// # Errors
+/// No row, no column or no pixel of width, a row that has not one entry per column, no picture at all, and a sheet of
+/// more than 2 · 10⁸ pixels.
 pub fn draw(columns: &[&str], rows: &[SheetRow], cell_width: u32) -> Result<ColorImage> {
     check(columns, rows, cell_width)?;
     let shrunk: Vec<Vec<Option<ColorImage>>> = rows

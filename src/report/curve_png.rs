@@ -27,7 +27,10 @@ enum Anchor {
     End,
 }
 
-/// The picture, 1440 × 880 pixels. Fails as [`curve_svg::svg`] does.
+/// The picture, 1440 × 880 pixels.
+///
+/// # Errors
+/// As [`curve_svg::svg`].
 pub fn image(curves: &Curves) -> Result<ColorImage> {
     let plot = curve_svg::plot(curves)?;
     let pixels = |length: f64| {

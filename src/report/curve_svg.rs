@@ -102,8 +102,11 @@ fn columns(tau: f64, end: f64) -> Vec<(f64, String, bool)> {
     (0..=20).take_while(inside).map(column).collect()
 }
 
-/// The picture. It follows the reader's light or dark colour scheme. Fails when the slices differ
-/// in length, hold fewer than two values or one that cannot be.
+/// The picture. It follows the reader's light or dark colour scheme.
+///
+/// # Errors
+/// Slices that differ in length or hold fewer than two values, distances that are not finite, do not ascend or end at
+/// 0 or below, fractions that are not from 0 to 1, and a threshold that is not finite and above 0.
 pub fn svg(curves: &Curves) -> Result<String> {
     let plot = plot(curves)?;
     let mut text = head(curves.title);

@@ -80,8 +80,11 @@ pub struct Csv {
 }
 
 impl Folder {
-    /// Reads a record. Unknown keys, empty texts, other dates and names of files that leave the
-    /// folder are refused.
+    /// Reads a record.
+    ///
+    /// # Errors
+    /// Names the key that is unknown or missing, the text that is empty, the date that is not `YYYY-MM-DD`, and the
+    /// file whose name leaves the folder, begins with a point, or has spaces or brackets.
     pub fn parse(text: &str) -> Result<Self> {
         let folder: Self = toml::from_str(text).map_err(|error| {
             Error::invalid("record", error.to_string().trim().replace('\n', " "))
@@ -127,6 +130,9 @@ impl Folder {
 
     /// The first table that is shown and all pictures, for a README elsewhere: `base` is the path
     /// from there to this folder. `tables` as for [`Self::readme`].
+    ///
+    /// # Errors
+    /// As [`TableOf::shown`], of the tables up to the first that is shown.
     pub fn excerpt(&self, base: &str, tables: &[Csv]) -> Result<String> {
         let mut text = String::new();
         for (table, csv) in self.tables.iter().zip(tables) {
@@ -153,6 +159,9 @@ impl Folder {
 
     /// The README; `tables` are the contents of the CSV files, in the record's order. Only what is
     /// shown is rounded.
+    ///
+    /// # Errors
+    /// As [`TableOf::shown`].
     pub fn readme(&self, tables: &[Csv]) -> Result<String> {
         let mut text = format!("# {}\n\n{MARK}\n\n{}\n", self.title, self.summary.trim());
         for (table, csv) in self.tables.iter().zip(tables) {
@@ -194,6 +203,9 @@ impl Folder {
 
 impl TableOf {
     /// The table in Markdown; empty when no column is to be shown.
+    ///
+    /// # Errors
+    /// Names the column that the record speaks of and the file does not have.
     pub fn shown(&self, csv: &Csv) -> Result<String> {
         self.check_names(csv)?;
         let columns = match &self.columns {
@@ -266,6 +278,9 @@ impl TableOf {
 
 impl Csv {
     /// Reads a CSV file with a header and at least one row.
+    ///
+    /// # Errors
+    /// Names the line that has not as many cells as the header or is not UTF-8; no row.
     pub fn parse(bytes: &[u8]) -> Result<Self, mvs_datasets::FormatError> {
         let lines = Lines {
             bytes,

@@ -9,7 +9,10 @@ const BARS_PER_TAU: usize = 10;
 const TAUS: usize = 4;
 
 /// The share of `distances` in each tenth of `tau` up to 4 τ, and beyond. It follows the reader's
-/// light or dark colour scheme. Fails when there are no distances or `tau` is not above 0.
+/// light or dark colour scheme.
+///
+/// # Errors
+/// No distances, and a `tau` that is not finite and above 0.
 pub fn svg(title: &str, distances: &[f64], tau: f64, unit: &str) -> Result<String> {
     if distances.is_empty() || !(tau > 0.0 && tau.is_finite()) {
         let problem = format!(

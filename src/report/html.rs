@@ -95,8 +95,10 @@ impl PackedCloud {
         }
     }
 
-    /// The share of `cloud` in a page of `clouds` clouds. Fails when it has not one distance per point
-    /// or no threshold.
+    /// The share of `cloud` in a page of `clouds` clouds.
+    ///
+    /// # Errors
+    /// No points, not one distance for each, and a threshold that is not finite and above 0.
     pub fn new(cloud: &ErrorCloud<'_>, clouds: usize) -> Result<Self> {
         check(cloud)?;
         let most = POINTS_PER_CLOUD.min(POINTS_PER_PAGE / clouds.max(1));
@@ -118,7 +120,10 @@ struct CloudFacts<'a> {
     unit: &'a str,
 }
 
-/// The page. Fails when it would exceed 10 MB: fewer pictures or clouds then, on several pages.
+/// The page.
+///
+/// # Errors
+/// More than 10 MB: fewer pictures or clouds then, on several pages.
 pub fn html(page: &Page) -> Result<String> {
     let text = unbounded(page)?;
     if text.len() > MOST_BYTES {
@@ -132,6 +137,9 @@ pub fn html(page: &Page) -> Result<String> {
 }
 
 /// The bytes that `page` leaves for plots; see [`plot_bytes`].
+///
+/// # Errors
+/// Never: only too large a page is refused, by [`html`].
 pub fn room(page: &Page) -> Result<usize> {
     Ok(MOST_BYTES.saturating_sub(unbounded(page)?.len() + PLOTS_FRAME))
 }

@@ -184,8 +184,9 @@ pub(super) fn has_values(record: &Record) -> bool {
 /// has several unknown ones, each threshold has a board. Fractions without a threshold have a board of
 /// their own where others of their scene have one.
 ///
-/// Fails when a method has two records for the same cell, when two methods have the same label, or when a
-/// value is no number.
+/// # Errors
+/// Names the method that has two records for the same cell, the label that two methods have, and the value that is no
+/// finite number.
 pub fn boards(records: &[Record]) -> Result<Vec<Board>> {
     let mut groups: BTreeMap<Common, Vec<&Record>> = BTreeMap::new();
     for record in records {

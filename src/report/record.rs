@@ -244,6 +244,9 @@ impl Record {
 
 /// Writes `results.csv`: a header and the records, sorted; numbers as the shortest text that reads
 /// back to the same value.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
     let mut sorted: Vec<&Record> = records.iter().collect();
     sorted.sort_by(|a, b| a.order(b));
@@ -260,6 +263,10 @@ pub fn write(out: &mut impl Write, records: &[Record]) -> std::io::Result<()> {
 /// Reads `results.csv`. The columns must be those of this version, in order; every fraction lies
 /// between 0 and 1, every distance from 0 up, every threshold above 0, and F follows from precision and recall as far as
 /// their digits go.
+///
+/// # Errors
+/// A source that cannot be read, other columns than these, and, by line, what is no row of them or breaks these
+/// rules.
 pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
     let bytes = &whole(source)?;
     let lines = Lines {

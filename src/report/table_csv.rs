@@ -5,6 +5,9 @@ use std::io::Write;
 
 /// Writes all tables into one CSV: first the columns that tell tables apart, then the union of
 /// their columns in order of appearance; a cell is empty where its table has no such column.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, tables: &[Table]) -> std::io::Result<()> {
     let identity = union(tables.iter().map(|table| {
         let names = table.identity.iter().map(|(name, _)| name.as_str());

@@ -4,6 +4,9 @@ use super::table::{Cell, Emphasis, Table};
 use std::io::Write;
 
 /// Writes each table with its title as a heading and its notes below.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, tables: &[Table]) -> std::io::Result<()> {
     for (index, table) in tables.iter().enumerate() {
         if index > 0 {

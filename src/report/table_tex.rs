@@ -4,6 +4,9 @@ use super::table::{Cell, Emphasis, MISSING, SUSPECT, Table};
 use std::io::Write;
 
 /// Writes each table as a `tabular`, its title and notes as comments.
+///
+/// # Errors
+/// What writing to `out` brings.
 pub fn write(out: &mut impl Write, tables: &[Table]) -> std::io::Result<()> {
     writeln!(out, "% needs \\usepackage{{booktabs}}")?;
     for table in tables {

@@ -90,8 +90,10 @@ impl Matches {
 }
 
 impl Trajectories {
-    /// Says which pose is which. An error where a video log has no mapping file, or one that names
-    /// frames which the log does not have.
+    /// Says which pose is which.
+    ///
+    /// # Errors
+    /// A video log without a mapping file, or with one that names frames which the log does not have.
     pub fn matches(&self, profile: Profile) -> Result<Matches> {
         let (given, by) = self.given_by_reference(profile)?;
         let pairs = self.reference.iter().enumerate();
@@ -208,6 +210,11 @@ pub struct CameraFit {
 
 /// Aligns the trajectories by the rule of `profile` and looks for signs that the log is not what it
 /// should be. `camera_distance` is how near centres must come, in units of the truth.
+///
+/// # Errors
+/// As [`Trajectories::matches`]; fewer than three cameras to align by, centres that are not finite, a
+/// `camera_distance` that is not finite and above 0, no motion that brings a camera near a reference, and, by the
+/// strict rule, cameras near theirs that all coincide.
 pub fn fit(
     trajectories: &Trajectories,
     profile: Profile,

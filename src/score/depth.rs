@@ -175,6 +175,9 @@ pub fn score_view(
 }
 
 /// The row of a view without a depth map, and its errors, which are none.
+///
+/// # Errors
+/// Never: what is missing counts as a map of the truth's size.
 pub fn score_missing(
     view: u32,
     truth: &[f32],

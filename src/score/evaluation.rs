@@ -117,6 +117,9 @@ pub struct Evaluation {
 impl Evaluation {
     /// Measures the distances both ways. An empty reconstruction is allowed: all truth is then
     /// infinitely far from it.
+    ///
+    /// # Errors
+    /// Points of a list that are not finite, and 2³² − 1 of them or more, unless the other side is empty.
     pub fn measure(mut reconstruction: Side, mut truth: Side) -> Result<Self> {
         (reconstruction.distances, truth.distances) =
             both_ways(&reconstruction.points, &truth.points)?;

@@ -290,6 +290,9 @@ fn unit_guess(reconstruction: &Aabb, truth: &Aabb) -> Option<&'static str> {
 
 /// Whether F is low at τ but high at 5 τ because the cloud as a whole is out of place. Noise alone
 /// passes: another ICP update would hardly move such a cloud.
+///
+/// # Errors
+/// Never: where no update can be computed, the cloud counts as in its place.
 pub fn of_tolerances(evaluation: &Evaluation, tolerance: Tolerance) -> Result<Gate> {
     let wide = tolerance.times(5.0);
     let (at_tau, at_wide) = (

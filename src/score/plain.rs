@@ -20,6 +20,9 @@ pub struct Preparation {
 
 impl Preparation {
     /// Crops and thins a cloud after moving it by `target_from_source`.
+    ///
+    /// # Errors
+    /// As [`Moved::new`], and with voxels as [`Moved::voxels`].
     pub fn apply(&self, points: &FinitePoints, target_from_source: Option<DMat4>) -> Result<Side> {
         let kept = Moved::new(points, target_from_source, self.crop.as_ref())?;
         let judged = match self.voxel {
@@ -39,6 +42,9 @@ impl Preparation {
     }
 
     /// [`Preparation::apply`] to the truth, which must not end up empty.
+    ///
+    /// # Errors
+    /// A truth of which no point is left; else as [`Preparation::apply`].
     pub fn apply_to_truth(&self, truth: &FinitePoints) -> Result<Side> {
         let side = self.apply(truth, None)?;
         if side.points.is_empty() {
@@ -69,8 +75,10 @@ pub fn span(bounds: &Aabb) -> String {
 
 /// Judges `reconstruction`, moved by `truth_from_reconstruction` where given, against `truth`.
 ///
-/// An error where the truth has no points left to judge against. A reconstruction without points
-/// left scores 0.
+/// A reconstruction without points left scores 0.
+///
+/// # Errors
+/// A truth without points left to judge against; else as [`Preparation::apply`] and [`Evaluation::measure`].
 pub fn evaluate(
     reconstruction: &FinitePoints,
     truth_from_reconstruction: Option<DMat4>,

@@ -146,6 +146,9 @@ impl FinitePoints {
 }
 
 /// The prism of a crop volume.
+///
+/// # Errors
+/// Never: a [`CropVolume`] has what [`Prism::new`] asks for.
 pub fn prism(volume: &CropVolume) -> Result<Prism> {
     Ok(Prism::new(
         volume.axis().index(),
@@ -174,8 +177,10 @@ struct Part {
 }
 
 impl<'a> Moved<'a> {
-    /// The points moved by `target_from_source` that lie inside `crop` (all, without one). An error
-    /// where there are more points than 32 bits count.
+    /// The points moved by `target_from_source` that lie inside `crop` (all, without one).
+    ///
+    /// # Errors
+    /// More points than 32 bits count.
     pub fn new(
         points: &'a FinitePoints,
         target_from_source: Option<DMat4>,
@@ -365,6 +370,9 @@ impl<'a> Moved<'a> {
     }
 
     /// Gives away the moved points, in spatial order.
+    ///
+    /// # Errors
+    /// What `take` brings.
     pub fn each(&self, take: &mut Take<'_>) -> mvs_metrics::Result<()> {
         let mut some = Vec::with_capacity(BLOCK);
         for nth in (0..self.len()).step_by(BLOCK) {
@@ -378,6 +386,10 @@ impl<'a> Moved<'a> {
     }
 
     /// Gives away the mean per voxel of an edge, accumulated in the order given; in spatial order.
+    ///
+    /// # Errors
+    /// An edge that is not finite and above 0, points that are not finite where they are moved to, more than 2³¹ − 1
+    /// voxels along an axis, and what `take` brings.
     pub fn voxels(&self, size: f64, take: &mut Take<'_>) -> mvs_metrics::Result<()> {
         let members = Members {
             indices: &self.kept,

@@ -63,6 +63,9 @@ pub enum Truth<'a> {
 /// Runs the three stages from `start`. A stage that finds nothing inside the crop volume has fitness
 /// 0 and is the last; one whose pairs fix no similarity has fitness 0 too. An owned truth goes before
 /// the last stage begins; what is left of it comes back.
+///
+/// # Errors
+/// As [`Moved::new`] and [`Moved::voxels`].
 pub fn refine<'a>(
     reconstruction: &FinitePoints,
     truth: Cow<'a, FinitePoints>,

@@ -34,7 +34,9 @@ impl std::fmt::Display for MeshAs {
 }
 
 /// The points that stand for `mesh`; with [`MeshAs::Area`] one per `spacing`² of surface, seeded.
-/// An error where there is no surface, or so much of it that the unit must be another one.
+///
+/// # Errors
+/// With [`MeshAs::Area`] a mesh without surface, and more than 5 · 10⁸ points: the unit must be another one.
 pub fn points_of(mesh: &Mesh, how: MeshAs, spacing: f64, seed: u64) -> Result<Vec<DVec3>> {
     match how {
         MeshAs::Vertices => Ok(mesh.vertices().to_vec()),

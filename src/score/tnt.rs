@@ -103,6 +103,9 @@ pub struct Aligned<'a> {
 }
 
 /// Finds the motion from the reconstruction's frame to that of the truth.
+///
+/// # Errors
+/// As [`cameras::fit`], where it starts at trajectories, and as [`refine`], where it is refined.
 pub fn align<'a>(inputs: &'a Inputs, options: &Options) -> Result<Aligned<'a>> {
     let clouds = [&inputs.reconstruction, &inputs.truth].map(Cow::Borrowed);
     align_clouds(
@@ -114,6 +117,9 @@ pub fn align<'a>(inputs: &'a Inputs, options: &Options) -> Result<Aligned<'a>> {
 }
 
 /// As [`align`] for inputs that nothing else asks for: each goes as soon as it can.
+///
+/// # Errors
+/// As [`align`].
 pub fn align_last(inputs: Inputs, options: &Options) -> Result<Aligned<'static>> {
     let clouds = [inputs.reconstruction, inputs.truth].map(Cow::Owned);
     align_clouds(
@@ -166,6 +172,9 @@ fn align_clouds<'a>(
 impl Aligned<'_> {
     /// Judges the reconstruction where it lies: cropped in the frame of the truth, averaged over voxels
     /// of τ/2.
+    ///
+    /// # Errors
+    /// As [`plain::evaluate`].
     pub fn evaluate(self) -> Result<Evaluation> {
         let truth = match self.truth {
             Truth::Given(truth) => self.preparation.apply_to_truth(&truth)?,
@@ -180,6 +189,9 @@ impl Aligned<'_> {
 }
 
 /// The scale at which the alignment starts: the truth's length of a unit of the reconstruction.
+///
+/// # Errors
+/// As [`cameras::fit`], where it starts at trajectories; else none.
 pub fn start_scale(start: &Start, options: &Options) -> Result<f64> {
     let motion = match start {
         Start::Given(motion) | Start::Refined(motion) => *motion,
@@ -204,6 +216,9 @@ pub fn scale_of(motion: DMat4) -> f64 {
 
 /// Judges the reconstruction at `truth_from_reconstruction`: moved, cropped in the frame of the
 /// truth, averaged over voxels of τ/2.
+///
+/// # Errors
+/// As [`plain::evaluate`].
 pub fn evaluate(inputs: &Inputs, truth_from_reconstruction: DMat4) -> Result<Evaluation> {
     plain::evaluate(
         &inputs.reconstruction,

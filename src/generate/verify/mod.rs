@@ -134,6 +134,9 @@ const FEWEST_POINTS: u32 = 200;
 
 /// Verifies the scene in `folder`. What is wrong with it is a finding, not an error; an error means
 /// that it could not be looked at.
+///
+/// # Errors
+/// Fewer than 200 points per view, folders of the scene that cannot be listed, and interruption.
 pub fn verify(
     folder: &BlendedFolder,
     options: &VerifyOptions,

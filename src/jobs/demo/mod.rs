@@ -80,6 +80,10 @@ pub struct DemoOutcome {
 }
 
 /// Makes the scene, generates, fuses, scores and reports.
+///
+/// # Errors
+/// Fewer than 5 views, a `tau` that is no tolerance, more views or pixels than [`SyntheticScene::new`] takes, an
+/// output folder as [`OutDir::create_again`] refuses it, whatever the steps bring, and interruption.
 pub fn run(job: &DemoJob, context: &Context<'_>) -> Result<DemoOutcome> {
     if job.views < LEAST_VIEWS {
         let problem = format!(

@@ -82,6 +82,11 @@ pub struct SweepOutcome {
 }
 
 /// Fuses with every combination and writes the table.
+///
+/// # Errors
+/// Options that do not go together or are out of range, a table that is there without `force` or would replace what
+/// is read or another command's, a truth without points to judge against or a `tau` that is no tolerance,
+/// [`Error::NoPoints`] where every combination keeps none, whatever reading and writing brings, and interruption.
 pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
     job.check()?;
     let run_file = run_file_beside(&job.out);

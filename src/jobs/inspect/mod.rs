@@ -55,6 +55,9 @@ fn fact(name: &'static str, value: impl Into<String>) -> Fact {
 }
 
 /// Looks at the path.
+///
+/// # Errors
+/// Nothing there, a file of no known ending, and what cannot be read as what it is taken for.
 pub fn run(job: &InspectJob, _context: &Context<'_>) -> Result<Inspection> {
     let path = &job.path;
     if !path.exists() {

@@ -176,6 +176,10 @@ fn no_stage() -> Error {
 
 /// Measures and writes `tradeoff.csv`, `tradeoff.svg` and `tradeoff.md` (a sentence per knob). The
 /// results are measurements: only their errors are the same from run to run.
+///
+/// # Errors
+/// No views or repeats, a `tau` that is no tolerance, no stage or one with half of its inputs, an output folder as
+/// [`OutDir::create`] refuses it, whatever the stages bring, and interruption.
 pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     for (value, option) in [(job.views, "--views"), (job.repeats, "--repeats")] {
         if value == 0 {
