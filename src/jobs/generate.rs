@@ -146,7 +146,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     for (((root, _), out), made) in roots.iter().zip(outs).zip(made) {
         let folder = root.join(&id);
         if made.scene.is_some() {
-            blended::write_lists(root, &id, job.validation)?;
+            let _held = blended::write_lists(root, &id, job.validation)?;
             for file in exported(&job.options.extras) {
                 let _ = out.file(file);
             }

@@ -19,6 +19,7 @@ use crate::format::image::{self, JpegOptions};
 use crate::format::pfm;
 use crate::scene::{ColorImage, DepthMap, Mask, NormalMap, RejectedDepths, Scene, View};
 use std::collections::BTreeSet;
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -279,10 +280,14 @@ pub const UNFINISHED: &str = "run.partial.toml";
 /// say they are. Others that are unfinished are left out. Lines that name no scene of `root` (an official
 /// list of a data set that is here in part, comments) are kept, all in their order.
 ///
+/// Waits until no other run holds the lists of `root`. They are held until what is returned is dropped: a scene is
+/// to be marked as finished before another run looks, which would leave it out.
+///
 /// # Errors
 /// A `root` that cannot be listed, a list file that is there and that [`files::read_text`] refuses, and what
 /// [`files::write_by_way_of`] brings.
-pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
+pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<HeldLists> {
+    let held = HeldLists::of(root);
     let unfinished = |scene: &str| scene != id && root.join(scene).join(UNFINISHED).exists();
     let mut all = scenes_in(root)?;
     all.retain(|scene| !unfinished(scene));
@@ -304,7 +309,23 @@ pub fn write_lists(root: &Path, id: &str, held_out: bool) -> Result<()> {
             lines.iter().try_for_each(|line| writeln!(out, "{line}"))
         })?;
     }
-    Ok(())
+    Ok(held)
+}
+
+/// The list files of a data set, which no other run writes while this is there.
+#[derive(Debug)]
+pub struct HeldLists {
+    /// The root folder, locked while it is open; none where systems or file systems do not lock folders.
+    _root: Option<File>,
+}
+
+impl HeldLists {
+    fn of(root: &Path) -> Self {
+        let folder = File::open(root).ok();
+        Self {
+            _root: folder.filter(|folder| folder.lock().is_ok()),
+        }
+    }
 }
 
 /// The lines of `old` without those that `ours` owns and `ids` does not have, each of `ids` once: those
@@ -402,6 +423,41 @@ mod tests {
         write_lists(root.path(), a, true).unwrap();
         assert_eq!(list("training_list.txt"), format!("{e}\n"));
         assert_eq!(list("all_list.txt"), format!("{a}\n{e}\n"));
+    }
+
+    /// Each finishes its own while it holds the lists.
+    #[cfg(unix)]
+    #[test]
+    fn scenes_made_side_by_side_are_all_listed() {
+        let ids: Vec<String> = (0..12).map(|index| format!("{index:024x}")).collect();
+        let held_out = |index: usize| index % 3 == 0;
+        for _ in 0..5 {
+            let root = tempfile::tempdir().unwrap();
+            for id in &ids {
+                put(&root.path().join(id).join(UNFINISHED), "");
+                put(&BlendedFolder::new(root.path().join(id)).pairs(), "0\n");
+            }
+            std::thread::scope(|scope| {
+                for (index, id) in ids.iter().enumerate() {
+                    let root = root.path();
+                    scope.spawn(move || {
+                        let held = write_lists(root, id, held_out(index)).unwrap();
+                        std::fs::remove_file(root.join(id).join(UNFINISHED)).unwrap();
+                        drop(held);
+                    });
+                }
+            });
+            let list = |name: &str| std::fs::read_to_string(root.path().join(name)).unwrap();
+            let of = |counts: &dyn Fn(usize) -> bool| -> String {
+                let listed = ids.iter().enumerate().filter(|(index, _)| counts(*index));
+                listed.map(|(_, id)| format!("{id}\n")).collect()
+            };
+            assert_eq!(list("all_list.txt"), of(&|_| true));
+            assert_eq!(list("validation_list.txt"), of(&held_out));
+            assert_eq!(list("training_list.txt"), of(&|index| !held_out(index)));
+            let names = names_in(root.path()).unwrap();
+            assert_eq!(names.len(), ids.len() + LISTS.len(), "{names:?}");
+        }
     }
 
     #[test]
