@@ -2,12 +2,24 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::thread::Builder;
 
-/// `work` of each item, in their order, on several threads.
+/// `work` of each item, in their order, on several threads: where the system starts no more of them, on those that
+/// there are, the calling one at least.
 pub(crate) fn map<T: Sync, R: Send>(
     items: &[T],
     threads: usize,
     work: impl Fn(&T) -> R + Sync,
+) -> Vec<R> {
+    map_on(items, threads, work, Builder::new)
+}
+
+/// As [`map`], on threads that `builder` describes.
+fn map_on<T: Sync, R: Send>(
+    items: &[T],
+    threads: usize,
+    work: impl Fn(&T) -> R + Sync,
+    builder: impl Fn() -> Builder,
 ) -> Vec<R> {
     let next = AtomicUsize::new(0);
     let done: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::with_capacity(items.len()));
@@ -24,7 +36,9 @@ pub(crate) fn map<T: Sync, R: Send>(
     };
     std::thread::scope(|scope| {
         for _ in 1..threads.min(items.len()) {
-            scope.spawn(run);
+            if builder().spawn_scoped(scope, run).is_err() {
+                break;
+            }
         }
         run();
     });
@@ -49,6 +63,11 @@ mod tests {
                     .all(|(i, square)| *square == i * i)
             );
         }
+        // Stacks that no system has room for.
+        let none = || Builder::new().stack_size(usize::MAX / 4);
+        std::thread::scope(|scope| assert!(none().spawn_scoped(scope, || ()).is_err()));
+        let squares = map_on(&items, 7, |item| item * item, none);
+        assert_eq!(squares, map(&items, 1, |item| item * item));
         assert!(map(&[], 3, |item: &usize| *item).is_empty());
     }
 }
