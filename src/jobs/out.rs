@@ -48,7 +48,7 @@ impl OutDir {
 
     /// Makes the folder for the result of `run`, or takes an existing one that has no result yet,
     /// that an interrupted run of the same options and inputs left behind, or, with `force`, any but an
-    /// input and one of whose result there are files among the inputs.
+    /// input, one of whose result there are files among the inputs, and one with the result of another command.
     ///
     /// Until the result is finished or given up no other run may take the folder.
     ///
@@ -67,6 +67,7 @@ impl OutDir {
     /// As [`OutDir::create`] for a folder that has been made.
     fn take(path: &Path, run: Run, force: bool) -> Result<Self> {
         let mut out = Self::at(path, run);
+        out.check_command()?;
         if out.has_files()? && !force && !out.is_marked(UNFINISHED) {
             return Err(Error::exists(path));
         }
@@ -93,10 +94,15 @@ impl OutDir {
                 (there.command, there.options) == (run.command.clone(), run.options.clone())
             })
         };
-        if force || !path.is_dir() || same(FINISHED) || same(UNFINISHED) {
+        if !path.is_dir() {
             return Ok(());
         }
-        match Self::at(path, run.clone()).has_files()? {
+        let out = Self::at(path, run.clone());
+        out.check_command()?;
+        if force || same(FINISHED) || same(UNFINISHED) {
+            return Ok(());
+        }
+        match out.has_files()? {
             true => Err(Error::exists(path)),
             false => Ok(()),
         }
@@ -117,6 +123,27 @@ impl OutDir {
     /// files that are just being written.
     fn has_files(&self) -> Result<bool> {
         has_files(&self.path, UNFINISHED)
+    }
+
+    /// Refuses a folder with the result of another command, finished or not: its files would go, or nothing would say
+    /// any more how they were made.
+    fn check_command(&self) -> Result<()> {
+        if !self.has_files()? {
+            return Ok(());
+        }
+        for mark in [FINISHED, UNFINISHED] {
+            if let Ok(there) = Run::read(&self.path.join(mark))
+                && there.command != self.run.command
+            {
+                let problem = format!(
+                    "expected the {mark} of `{}` or none, found that of `{}`, whose result the folder is: give \
+                     another --out",
+                    self.run.command, there.command
+                );
+                return Err(Error::invalid(self.path.display().to_string(), problem));
+            }
+        }
+        Ok(())
     }
 
     /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the

@@ -183,6 +183,40 @@ fn force_takes_any_folder() {
     );
 }
 
+#[test]
+fn force_does_not_take_another_commands_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let blend = || Run::new("blend", &RenderJob::default(), &Inputs::default()).unwrap();
+    write_all(folder.path(), 4, &["a.json", "maps/0.json"]);
+    for mark in [FINISHED, UNFINISHED] {
+        if mark == UNFINISHED {
+            fs::rename(folder.path().join(FINISHED), folder.path().join(UNFINISHED)).unwrap();
+        }
+        let before = crate::provenance::hash_path(folder.path()).unwrap();
+        for force in [false, true] {
+            let said = [
+                OutDir::create(folder.path(), blend(), force).err(),
+                OutDir::create_again(folder.path(), blend(), force).err(),
+                OutDir::check_again(folder.path(), &blend(), force).err(),
+            ];
+            let expected = format!(
+                "{}: expected the {mark} of `blend` or none, found that of `render`, whose result the folder is: \
+                 give another --out",
+                folder.path().display()
+            );
+            for said in said {
+                assert!(said.unwrap().to_string().ends_with(&expected));
+            }
+        }
+        let after = crate::provenance::hash_path(folder.path()).unwrap();
+        assert_eq!(after, before, "{mark}");
+    }
+    // What another command left before its first file is in nobody's way.
+    let empty = tempfile::tempdir().unwrap();
+    drop(OutDir::create(empty.path(), run_of(4), false).unwrap());
+    assert!(OutDir::create(empty.path(), blend(), false).is_ok());
+}
+
 fn write_all(folder: &Path, samples: u32, names: &[&str]) {
     let out = OutDir::create(folder, run_of(samples), true).unwrap();
     for name in names {
@@ -307,7 +341,7 @@ fn no_result_replaces_files_that_are_read() {
     };
     let create = |out: &Path, input: &str| {
         let inputs = OutDir::inputs(out, &[&path(input)])?;
-        let run = Run::new("score", &RenderJob::default(), &inputs)?;
+        let run = Run::new("render", &RenderJob::default(), &inputs)?;
         OutDir::create(out, run, true)
     };
     write_all(&result, 4, &["cams/0.txt", "cloud.ply"]);
