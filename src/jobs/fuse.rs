@@ -11,7 +11,10 @@ pub mod sweep;
 mod units;
 mod workspace;
 
-use super::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
+use super::out::{
+    check_no_input, check_run_file, check_still_free, remove_if_there, replaced, write_out_file,
+    write_run_file,
+};
 use super::{Context, check_out_file, run_file_beside};
 use crate::config::Size;
 use crate::error::{Error, Result};
@@ -281,8 +284,9 @@ fn write_cloud(
     maps: &FolderMaps<'_>,
     (inputs, doubles, force): (&FuseInputs<'_>, bool, bool),
 ) -> Result<FuseOutcome> {
+    let beside = visible_path(&job.out);
     let visible = match job.vis {
-        true => Visible::create(&visible_path(&job.out), force)?,
+        true => Visible::create(&beside, force)?,
         false => Visible::None,
     };
     let depths = job.filtered_depths.as_deref();
@@ -290,7 +294,7 @@ fn write_cloud(
     let depths = depths.transpose()?;
     let mut failed = None;
     let mut outcome = None;
-    let written = files::write_atomically(&job.out, |out| {
+    let written = write_out_file(&job.out, force, |out| {
         let extras = Columns::EXTRAS.when(job.properties == Properties::Full);
         let types = Columns::DOUBLES.when(doubles);
         let types = types.and(Columns::MANY.when(maps.count() > usize::from(u8::MAX)));
@@ -306,8 +310,10 @@ fn write_cloud(
         let fused = fuse_into(job, inputs, &mut outputs).and_then(|(counts, merged)| {
             // All is written before anything of an earlier result goes.
             let points = outputs.complete()?;
+            let (report, run_file) = (report_path(&job.out), run_file_beside(&job.out));
+            check_still_free(&[&job.out, &report, &run_file, &beside], force)?;
             // It comes back last: without it the result is not whole.
-            remove_if_there(&run_file_beside(&job.out))?;
+            remove_if_there(&run_file)?;
             outputs.appear()?;
             Ok((points, counts, merged))
         });

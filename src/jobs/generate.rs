@@ -114,7 +114,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     let run = Run::new("generate", job, &Inputs::list(&inputs, &[])?)?;
     let create = |(root, _): &(PathBuf, _)| {
-        let out = OutDir::create_again(&root.join(&id), run.clone(), context.force)?;
+        let out = OutDir::create_shared(&root.join(&id), run.clone(), context.force)?;
         generate::written().try_for_each(|name| out.check_not_read(name))?;
         Ok(out)
     };

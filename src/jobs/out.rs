@@ -9,6 +9,7 @@ use std::fs::{self, TryLockError};
 use std::io::Write;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// The mark of a finished result folder.
 pub(super) const FINISHED: &str = "run.toml";
@@ -147,14 +148,56 @@ impl OutDir {
     }
 
     /// As [`OutDir::create`], and also takes a folder with a finished result of the same run: the
-    /// same bytes are made again. Several runs may do so at once, as shards do.
+    /// same bytes are made again.
     ///
     /// # Errors
-    /// As [`OutDir::create`], but not for a folder that another run has, nor for a finished result of the same run.
+    /// As [`OutDir::create`], but not for a finished result of the same run.
     pub fn create_again(path: &Path, run: Run, force: bool) -> Result<Self> {
         make_folder(path, &run)?;
+        let lock = locked(path)?;
+        let mut out = Self::take_again(path, run, force)?;
+        out._lock = lock;
+        Ok(out)
+    }
+
+    /// As [`OutDir::create_again`]; runs of the same options and inputs may do so at once, as shards do.
+    ///
+    /// # Errors
+    /// As [`OutDir::create`].
+    pub fn create_shared(path: &Path, run: Run, force: bool) -> Result<Self> {
+        make_folder(path, &run)?;
+        let Ok(alone) = locked(path) else {
+            let lock = shared(path).filter(|_| Self::at(path, run.clone()).is_of_same());
+            let lock = lock.ok_or_else(|| is_taken(path))?;
+            let mut out = Self::take_again(path, run, force)?;
+            out._lock = Some(lock);
+            return Ok(out);
+        };
+        let mut out = Self::take_again(path, run, force)?;
+        // From here on the mark says whose the folder is.
+        if alone.is_some() {
+            drop(alone);
+            out._lock = shared(path);
+            if out._lock.is_none() || !out.is_of_same() {
+                out.before = None; // The folder is another's.
+                return Err(is_taken(path));
+            }
+        }
+        Ok(out)
+    }
+
+    /// As [`OutDir::create_again`] for a folder that has been made.
+    fn take_again(path: &Path, run: Run, force: bool) -> Result<Self> {
         let same = Self::at(path, run.clone()).is_marked(FINISHED);
         Self::take(path, run, force || same)
+    }
+
+    /// Whether what is in the folder, or is being written there, is of the same options and inputs.
+    fn is_of_same(&self) -> bool {
+        match self.path.join(UNFINISHED).exists() {
+            true => self.is_marked(UNFINISHED),
+            false => self.is_marked(FINISHED),
+        }
     }
 
     /// Whether the mark in the folder is that of the same options and inputs.
@@ -333,12 +376,27 @@ fn locked(path: &Path) -> Result<Option<fs::File>> {
     match folder.try_lock() {
         Ok(()) => Ok(Some(folder)),
         Err(TryLockError::Error(_)) => Ok(None),
-        Err(TryLockError::WouldBlock) => {
-            let problem = "expected a folder for this run alone, found one that another run is writing: wait \
-                           until that ends, or give another --out";
-            Err(Error::invalid(path.display().to_string(), problem))
-        }
+        Err(TryLockError::WouldBlock) => Err(is_taken(path)),
     }
+}
+
+fn is_taken(path: &Path) -> Error {
+    let problem = "expected a folder for this run alone, found one that another run is writing: wait until that \
+                   ends, or give another --out";
+    Error::invalid(path.display().to_string(), problem)
+}
+
+/// The folder itself, locked beside others that share it; none where a run has it alone, and goes on to.
+fn shared(path: &Path) -> Option<fs::File> {
+    let folder = fs::File::open(path).ok()?;
+    // Who shares it has it alone for the moment of marking it.
+    for _ in 0..100 {
+        if folder.try_lock_shared().is_ok() {
+            return Some(folder);
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    None
 }
 
 /// A path in a folder with `/` on every system; none for what is no text.
@@ -461,13 +519,34 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
         let problem = "expected a regular file to replace, found a device or a pipe";
         return Err(Error::invalid(path.display().to_string(), problem));
     }
-    if path.exists() && !force {
+    // A link that leads nowhere is there, too.
+    if path.symlink_metadata().is_ok() && !force {
         return Err(Error::exists(path));
     }
     let parent = files::folder_of(path);
     fs::create_dir_all(parent).map_err(mvs_datasets::Error::io(parent, "create the folder"))?;
     files::remove_left(path);
     Ok(())
+}
+
+/// Writes a file that [`check_out_file`] has let pass: without `force`, what has come there since stays.
+pub(super) fn write_out_file(
+    path: &Path,
+    force: bool,
+    write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
+) -> mvs_datasets::Result<()> {
+    match force {
+        true => files::write_atomically(path, write),
+        false => files::write_new(path, write),
+    }
+}
+
+/// Refuses files of a result that have come since [`check_out_file`] let them pass, unless with `force`.
+pub(super) fn check_still_free(paths: &[&Path], force: bool) -> Result<()> {
+    match paths.iter().find(|path| path.exists() && !force) {
+        Some(path) => Err(files::has_come(path).into()),
+        None => Ok(()),
+    }
 }
 
 fn check_given(path: &Path) -> Result<()> {

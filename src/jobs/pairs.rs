@@ -2,7 +2,9 @@
 
 use super::cameras::{self, CameraOptions};
 use super::meshes::{MeshOptions, read_mesh};
-use super::out::{check_no_input, check_run_file, replaced, write_run_file};
+use super::out::{
+    check_no_input, check_run_file, check_still_free, replaced, write_out_file, write_run_file,
+};
 use super::{Context, check_out_file, run_file_beside};
 use crate::error::{Error, Result};
 use crate::generate::{Covisibility, PairOptions, count_behind, sparse_sources, too_far_apart};
@@ -10,7 +12,6 @@ use crate::provenance::{Inputs, Run};
 use crate::render::{BackFaces, Renderer};
 use mvs_datasets::format::pair::{self, PairEntry};
 use mvs_datasets::layout::cameras::CamerasOptions;
-use mvs_datasets::layout::files;
 use mvs_datasets::layout::mvsnet::PixelCentre;
 use mvs_datasets::layout::sparse::{self, SparseModel};
 use mvs_datasets::scene::{Distortion, SourceScore, View};
@@ -100,7 +101,8 @@ pub fn run(job: &PairsJob, context: &Context<'_>) -> Result<PairsOutcome> {
             .collect(),
     };
     let entries: Vec<PairEntry> = outcome.views.iter().map(entry).collect();
-    files::write_atomically(&job.out, |out| pair::write(out, &entries))?;
+    check_still_free(&[&job.out, &run_file], context.force)?;
+    write_out_file(&job.out, context.force, |out| pair::write(out, &entries))?;
     write_run_file(run, &run_file, std::slice::from_ref(&job.out))?;
     Ok(outcome)
 }

@@ -12,6 +12,7 @@ use std::ffi::{OsStr, OsString};
 use std::fs::{DirEntry, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use tempfile::TempPath;
 
 /// What the names of temporary files begin with; what an ended process leaves of them may go. The name of
 /// the file to be follows, and some letters that are drawn.
@@ -32,6 +33,36 @@ pub fn write_atomically(
     write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
 ) -> Result<()> {
     write_by_way_of(folder_of(path), path, write)
+}
+
+/// As [`write_atomically`] for a `path` that is not there: what has come there by the time that all is written stays,
+/// and the temporary file goes.
+///
+/// # Errors
+/// As [`write_atomically`], and a `path` that is there.
+pub fn write_new(
+    path: &Path,
+    write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
+) -> Result<()> {
+    let (temporary, file) = written(folder_of(path), path, write)?;
+    let refused = match temporary.persist_noclobber(path) {
+        Ok(()) => return Ok(()),
+        Err(refused) => refused,
+    };
+    if path.symlink_metadata().is_ok() {
+        return Err(has_come(path));
+    }
+    // Some file systems cannot refuse.
+    let named = refused.path.persist(path);
+    drop(file);
+    named.map_err(|refused| Error::io(path, "replace")(refused.error))
+}
+
+/// The error of a result `path` where a file has come during the work.
+pub fn has_come(path: &Path) -> Error {
+    let problem = "expected no file, as when the run began, found one that another run has written since: it stays; \
+                   give another --out, or --force to replace it";
+    Error::layout(path, problem)
 }
 
 /// The folder that a file lies in, `.` for a bare name.
@@ -61,16 +92,27 @@ pub fn write_by_way_of(
     path: &Path,
     write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
 ) -> Result<()> {
+    let (temporary, file) = written(folder, path, write)?;
+    // The file is open, and so locked, until it has its name.
+    let named = temporary.persist(path);
+    drop(file);
+    named.map_err(|refused| Error::io(path, "replace")(refused.error))
+}
+
+/// A whole temporary file for `path` in `folder`, and its open file.
+fn written(
+    folder: &Path,
+    path: &Path,
+    write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
+) -> Result<(TempPath, BlockWriter)> {
     std::fs::create_dir_all(folder).map_err(Error::io(folder, "create the folder"))?;
     let temporary = temporary_file(folder, path).map_err(Error::io(path, "create"))?;
-    let (file, temporary_path) = temporary.into_parts();
+    let (file, temporary) = temporary.into_parts();
     let mut out = BlockWriter::new(file);
     write(&mut out)
         .and_then(|()| out.flush())
         .map_err(Error::io(path, "write"))?;
-    temporary_path
-        .persist(path)
-        .map_err(|refused| Error::io(path, "replace")(refused.error))
+    Ok((temporary, out))
 }
 
 /// Removes what runs that were killed have left of writing `path`, beside it. What a run still writes it
@@ -304,6 +346,27 @@ mod tests {
         );
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(names_in(folder.path()), ["out.txt"]);
+    }
+
+    #[test]
+    fn what_has_come_during_the_writing_of_a_new_file_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/out.txt");
+        write_new(&path, |out| out.write_all(b"first")).unwrap();
+        let path = folder.path().join("out.txt");
+        let error = write_new(&path, |out| {
+            put(&path, b"another run's");
+            out.write_all(b"mine")
+        });
+        let error = error.unwrap_err().to_string();
+        assert!(
+            error.contains("out.txt: expected no file, as when the run began"),
+            "{error}"
+        );
+        assert_eq!(std::fs::read(&path).unwrap(), b"another run's");
+        let mut names = names_in(folder.path());
+        names.sort();
+        assert_eq!(names, ["new", "out.txt"]);
     }
 
     #[test]

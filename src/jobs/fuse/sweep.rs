@@ -5,14 +5,16 @@ use super::maps::FolderMaps;
 use super::{FuseJob, check_out_files};
 use crate::error::{Error, Result};
 use crate::fuse::{DepthMaps, FuseCounts, FuseInputs, FuseOptions, Points, fuse_maps};
-use crate::jobs::out::{check_no_input, check_run_file, remove_if_there, replaced, write_run_file};
+use crate::jobs::out::{
+    check_no_input, check_run_file, check_still_free, remove_if_there, replaced, write_out_file,
+    write_run_file,
+};
 use crate::jobs::score::{Draw, read_truth};
 use crate::jobs::{Context, run_file_beside};
 use crate::provenance::Run;
 use crate::score::FinitePoints;
 use crate::score::plain::{Preparation, evaluate};
 use crate::score::sample::MeshAs;
-use mvs_datasets::layout::files;
 use mvs_datasets::scene::{ColorImage, DepthMap, Mask, NormalMap, Raster, View};
 use mvs_metrics::{Score, Tolerance};
 use serde::{Deserialize, Serialize};
@@ -135,7 +137,8 @@ pub fn run(job: &SweepJob, context: &Context<'_>) -> Result<SweepOutcome> {
             .zip(scores.iter().copied().reduce(f64::max)),
         rows,
     };
-    files::write_atomically(&job.out, |out| {
+    check_still_free(&[&job.out, &run_file], context.force)?;
+    write_out_file(&job.out, context.force, |out| {
         write_csv(out, &outcome.rows)?;
         out.flush()?;
         // All is written before anything of an earlier result goes; it comes back last.

@@ -53,8 +53,18 @@ fn a_folder_is_one_runs_until_it_ends() {
     drop(OutDir::create(folder.path(), run_of(16), true).unwrap());
     OutDir::create(folder.path(), run_of(16), true).unwrap();
     // Shards share theirs.
-    let shards = [1, 2].map(|_| OutDir::create_again(folder.path(), run_of(16), true));
+    let shard = |samples| OutDir::create_shared(folder.path(), run_of(samples), true);
+    let shards = [1, 2].map(|_| shard(16));
     assert!(shards.iter().all(Result::is_ok));
+    let others = [
+        shard(4),
+        OutDir::create_again(folder.path(), run_of(16), true),
+        OutDir::create(folder.path(), run_of(16), true),
+    ];
+    for other in others {
+        let error = other.unwrap_err().to_string();
+        assert!(error.contains("another run is writing"), "{error}");
+    }
 }
 
 #[test]
