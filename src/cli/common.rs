@@ -12,6 +12,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 /// How a command ended when it could be done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -165,13 +166,26 @@ pub(crate) fn in_pool<T: Send>(
     mvs_eval::parallel::with_threads(threads, work)?
 }
 
-/// The first Ctrl-C asks the work to stop at the next safe point, the second ends the process.
+/// How long signals after the first are still part of it: `timeout` and others send one to a process, and then to
+/// the group that it is in.
+const ONE_SIGNAL: Duration = Duration::from_secs(1);
+
+/// The first Ctrl-C asks the work to stop at the next safe point; one that comes more than a second later ends the
+/// process.
 pub(crate) fn install_interrupt() -> anyhow::Result<()> {
-    ctrlc::set_handler(|| {
-        if INTERRUPTED.swap(true, Ordering::Relaxed) {
-            std::process::abort();
+    let mut first: Option<Instant> = None;
+    ctrlc::set_handler(move || {
+        if let Some(first) = first {
+            if first.elapsed() > ONE_SIGNAL {
+                std::process::abort();
+            }
+            return;
         }
-        output::say("stopping at the next safe point; press Ctrl-C again to end at once");
+        first = Some(Instant::now());
+        INTERRUPTED.store(true, Ordering::Relaxed);
+        output::say(
+            "stopping at the next safe point; press Ctrl-C again a second later to end at once",
+        );
     })
     .context("cannot listen for Ctrl-C")
 }

@@ -434,7 +434,8 @@ fn views_that_see_nothing_are_named_in_one_warning() {
     );
 }
 
-/// Runs a command, presses Ctrl-C as soon as it says something, and returns what it said.
+/// Runs a command, presses Ctrl-C as soon as it says something, twice at once as `timeout` does, and returns what it
+/// said.
 #[cfg(unix)]
 fn interrupted(arguments: &[&str]) -> String {
     use std::io::{BufRead, BufReader, Read};
@@ -449,8 +450,10 @@ fn interrupted(arguments: &[&str]) -> String {
     let mut stderr = BufReader::new(child.stderr.take().unwrap());
     stderr.read_line(&mut said).unwrap();
     let id = child.id().to_string();
-    let sent = Command::new("kill").args(["-INT", &id]).status().unwrap();
-    assert!(sent.success());
+    for _ in 0..2 {
+        let sent = Command::new("kill").args(["-INT", &id]).status().unwrap();
+        assert!(sent.success());
+    }
     stderr.read_to_string(&mut said).unwrap();
     assert_eq!(
         child.wait().unwrap().code(),
