@@ -74,8 +74,9 @@ pub(crate) struct FuseArgs {
     /// Where the cams put the centre of the top-left pixel: at (0.5, 0.5) or at (0, 0)
     #[arg(long, value_enum)]
     pixel_center: Option<Centre>,
-    /// The image size that the cams are for; by default that of a view's image or depth map, whichever goes with the
-    /// principal point, else twice that point or a multiple of the depth map's size, with a warning
+    /// The image size that the cams are for; by default twice the principal point where that is whole and the view's
+    /// image or depth map has so many times it or such a part of it; else that of either, whichever goes with the
+    /// principal point, or a multiple of the depth map's size, with a warning
     #[arg(long, value_name = "WxH")]
     camera_size: Option<Size>,
     /// About how many MiB of maps to hold at a time (default 512); results do not depend on it

@@ -430,7 +430,7 @@ mod tests {
     #[test]
     fn scenes_made_side_by_side_are_all_listed() {
         let ids: Vec<String> = (0..12).map(|index| format!("{index:024x}")).collect();
-        let held_out = |index: usize| index % 3 == 0;
+        let held_out = |index: usize| index.is_multiple_of(3);
         for _ in 0..5 {
             let root = tempfile::tempdir().unwrap();
             for id in &ids {
