@@ -5,11 +5,19 @@ use crate::provenance::{Inputs, Run, real_path};
 use mvs_datasets::layout::blocks::BlockWriter;
 use mvs_datasets::layout::files;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{self, TryLockError};
+use std::fs;
 use std::io::Write;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+
+mod file;
+mod lock;
+
+pub use file::{check_out_file, run_file_beside};
+pub(super) use file::{check_run_file, check_still_free, replaced, write_out_file, write_run_file};
+
+use file::other_command;
+use lock::{is_taken, locked, shared};
 
 /// The mark of a finished result folder.
 pub(super) const FINISHED: &str = "run.toml";
@@ -132,14 +140,12 @@ impl OutDir {
         if !self.has_files()? {
             return Ok(());
         }
+        let command = &self.run.command;
         for mark in [FINISHED, UNFINISHED] {
-            if let Ok(there) = Run::read(&self.path.join(mark))
-                && there.command != self.run.command
-            {
+            if let Some(other) = other_command(&self.path.join(mark), command) {
                 let problem = format!(
-                    "expected the {mark} of `{}` or none, found that of `{}`, whose result the folder is: give \
-                     another --out",
-                    self.run.command, there.command
+                    "expected the {mark} of `{command}` or none, found that of `{other}`, whose result the folder is: \
+                     give another --out"
                 );
                 return Err(Error::invalid(self.path.display().to_string(), problem));
             }
@@ -368,37 +374,6 @@ fn make_folder(path: &Path, run: &Run) -> Result<()> {
     Ok(fs::create_dir_all(path).map_err(failed)?)
 }
 
-/// The folder itself, locked while it is open; none where systems or file systems do not lock folders.
-fn locked(path: &Path) -> Result<Option<fs::File>> {
-    let Ok(folder) = fs::File::open(path) else {
-        return Ok(None);
-    };
-    match folder.try_lock() {
-        Ok(()) => Ok(Some(folder)),
-        Err(TryLockError::Error(_)) => Ok(None),
-        Err(TryLockError::WouldBlock) => Err(is_taken(path)),
-    }
-}
-
-fn is_taken(path: &Path) -> Error {
-    let problem = "expected a folder for this run alone, found one that another run is writing: wait until that \
-                   ends, or give another --out";
-    Error::invalid(path.display().to_string(), problem)
-}
-
-/// The folder itself, locked beside others that share it; none where a run has it alone, and goes on to.
-fn shared(path: &Path) -> Option<fs::File> {
-    let folder = fs::File::open(path).ok()?;
-    // Who shares it has it alone for the moment of marking it.
-    for _ in 0..100 {
-        if folder.try_lock_shared().is_ok() {
-            return Some(folder);
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    None
-}
-
 /// A path in a folder with `/` on every system; none for what is no text.
 fn as_text(name: &Path) -> Option<String> {
     let parts: Option<Vec<&str>> = name.iter().map(|part| part.to_str()).collect();
@@ -491,127 +466,11 @@ pub(super) fn remove_if_there(path: &Path) -> Result<()> {
     }
 }
 
-/// Checks that a result file may be written: it is not there, or may be replaced, and its folder can
-/// be made. What a killed run has left of it goes.
-///
-/// # Errors
-/// An empty path or one that names a folder, a device or pipe there, a folder that cannot be made, and
-/// [`Error::Exists`] where the file is there, without `force`.
-pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
-    check_given(path)?;
-    if path.is_dir() {
-        return Err(Error::invalid(
-            path.display().to_string(),
-            "expected a file, found a folder",
-        ));
-    }
-    let text = path.to_string_lossy();
-    let is_folder = |end: &str| {
-        text.strip_suffix(end)
-            .is_some_and(|text| text.ends_with(std::path::is_separator))
-    };
-    if path.file_name().is_none() || is_folder("") || is_folder(".") {
-        let problem =
-            "expected the name of a file, found that of a folder: end it with the file's name";
-        return Err(Error::invalid(text, problem));
-    }
-    if path.exists() && !path.is_file() {
-        let problem = "expected a regular file to replace, found a device or a pipe";
-        return Err(Error::invalid(path.display().to_string(), problem));
-    }
-    // A link that leads nowhere is there, too.
-    if path.symlink_metadata().is_ok() && !force {
-        return Err(Error::exists(path));
-    }
-    let parent = files::folder_of(path);
-    fs::create_dir_all(parent).map_err(mvs_datasets::Error::io(parent, "create the folder"))?;
-    files::remove_left(path);
-    Ok(())
-}
-
-/// Writes a file that [`check_out_file`] has let pass: without `force`, what has come there since stays.
-pub(super) fn write_out_file(
-    path: &Path,
-    force: bool,
-    write: impl FnOnce(&mut BlockWriter) -> std::io::Result<()>,
-) -> mvs_datasets::Result<()> {
-    match force {
-        true => files::write_atomically(path, write),
-        false => files::write_new(path, write),
-    }
-}
-
-/// Refuses files of a result that have come since [`check_out_file`] let them pass, unless with `force`.
-pub(super) fn check_still_free(paths: &[&Path], force: bool) -> Result<()> {
-    match paths.iter().find(|path| path.exists() && !force) {
-        Some(path) => Err(files::has_come(path).into()),
-        None => Ok(()),
-    }
-}
-
 fn check_given(path: &Path) -> Result<()> {
     if path.as_os_str().is_empty() {
         return Err(Error::invalid("--out", "needed: where to write, not given"));
     }
     Ok(())
-}
-
-/// Where the `run.toml` of a result file stands: `cloud.ply` → `cloud.run.toml`.
-pub fn run_file_beside(result: &Path) -> PathBuf {
-    result.with_extension("run.toml")
-}
-
-/// Which of the files `own` that a run of `command` is to write are no inputs, as they are those of a result
-/// that it replaces: all of them beside the `run.toml` of such a run, else none.
-pub(super) fn replaced<'a>(own: &'a [PathBuf], run_file: &Path, command: &str) -> &'a [PathBuf] {
-    match Run::read(run_file) {
-        Ok(run) if run.command == command => own,
-        _ => &[],
-    }
-}
-
-/// Refuses a `run.toml` of another command's result, which `--force` would replace: nothing would say any more how
-/// that was made.
-pub(super) fn check_run_file(run_file: &Path, command: &str) -> Result<()> {
-    match Run::read(run_file) {
-        Ok(run) if run.command != command => {
-            let problem = format!(
-                "expected the run.toml of `{command}` or none, found that of `{}`, whose result it belongs to: \
-                 choose another name for --out",
-                run.command
-            );
-            Err(Error::invalid(run_file.display().to_string(), problem))
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Writes the `run.toml` of a run at `run_file`, which names its result `files`.
-pub(super) fn write_run_file(mut run: Run, run_file: &Path, files: &[PathBuf]) -> Result<()> {
-    let real = real_path(run_file);
-    let folder = real.as_deref().and_then(Path::parent);
-    let name = |file: &PathBuf| name_from(folder?, &real_path(file)?);
-    run.files = files.iter().filter_map(name).collect();
-    run.write(run_file).map_err(|error| {
-        let problem = format!(
-            "{error}: the result is there, and nothing says how it was made; make room and run again with --force"
-        );
-        Error::invalid(run_file.display().to_string(), problem)
-    })
-}
-
-/// The path of `file` from `folder`, or the whole one where nothing leads there, as to another drive. Both
-/// are real paths.
-fn name_from(folder: &Path, file: &Path) -> Option<String> {
-    let both = folder.components().zip(file.components());
-    let common = both.take_while(|(one, other)| one == other).count();
-    if common == 0 {
-        return file.to_str().map(str::to_owned);
-    }
-    let below = folder.components().skip(common);
-    let up = below.map(|_| Component::ParentDir);
-    let name: PathBuf = up.chain(file.components().skip(common)).collect();
-    as_text(&name)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Folders for results, replaced, cut short and among their inputs.
 
+use super::file::name_from;
 use super::*;
 use crate::jobs::render::RenderJob;
 
