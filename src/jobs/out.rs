@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
 use std::path::{Component, Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 mod file;
@@ -29,14 +30,14 @@ const LEVELS: u32 = 2;
 
 /// A folder for a result. Files in it are written to a temporary name and renamed; its `run.toml`
 /// appears last, so a folder without it is not finished. Of a result that is replaced, the files that the
-/// new one does not have are removed then; until a first file is asked for it stays as it is. None of
-/// its files may be read for the new one.
+/// new one does not have are removed then; until a first file is asked for it stays as it is, with its
+/// `run.toml`. None of its files may be read for the new one.
 #[derive(Debug)]
 pub struct OutDir {
     path: PathBuf,
     run: Run,
-    /// The finished result that is to be replaced.
-    before: Option<Run>,
+    /// Whether the mark of the finished result that is to be replaced still lies there, as far as this run knows.
+    replaces: AtomicBool,
     /// The files that were asked for, and whether what lies there is this run's even if it fails.
     asked: Mutex<BTreeMap<PathBuf, bool>>,
     /// Whether files may have been written that were not asked for.
@@ -81,11 +82,14 @@ impl OutDir {
             return Err(Error::exists(path));
         }
         let marked = |mark: &str| Run::read(&path.join(mark)).ok();
-        out.before = marked(FINISHED);
-        let replaced = out.before.clone().or_else(|| marked(UNFINISHED));
+        let before = marked(FINISHED);
+        *out.replaces.get_mut() = before.is_some();
+        let replaced = before.or_else(|| marked(UNFINISHED));
         out.run.files = replaced.map(|run| run.files).unwrap_or_default();
         out.run.write(&path.join(UNFINISHED))?;
-        remove_if_there(&path.join(FINISHED))?;
+        if !*out.replaces.get_mut() {
+            remove_if_there(&path.join(FINISHED))?;
+        }
         files::remove_all_left(path, LEVELS);
         Ok(out)
     }
@@ -121,7 +125,7 @@ impl OutDir {
         Self {
             path: path.to_path_buf(),
             run,
-            before: None,
+            replaces: AtomicBool::new(false),
             asked: Mutex::default(),
             begun: false,
             _lock: None,
@@ -185,7 +189,7 @@ impl OutDir {
             drop(alone);
             out._lock = shared(path);
             if out._lock.is_none() || !out.is_of_same() {
-                out.before = None; // The folder is another's.
+                out.begun = true; // The folder is another's.
                 return Err(is_taken(path));
             }
         }
@@ -222,6 +226,15 @@ impl OutDir {
     /// Says that others write files in it from now on: the result before it is no longer whole.
     pub fn begin(&mut self) {
         self.begun = true;
+        self.unmark();
+    }
+
+    /// Takes the mark of the result before away, once.
+    fn unmark(&self) {
+        if self.replaces.swap(false, Ordering::Relaxed) {
+            // Should it stay, the other mark beside it says that the result is unfinished.
+            let _ = remove_if_there(&self.path.join(FINISHED));
+        }
     }
 
     /// The path of a file in it that is to be written; `name` may have folders.
@@ -231,6 +244,7 @@ impl OutDir {
         let replaced = || as_text(name).is_some_and(|name| self.run.files.contains(&name));
         // What others have put there stays theirs until the run is finished.
         let own = !path.exists() || replaced();
+        self.unmark();
         self.asked().entry(name.to_path_buf()).or_insert(own);
         path
     }
@@ -305,7 +319,7 @@ impl OutDir {
     /// # Errors
     /// Files of the result before that cannot be removed, and a `run.toml` that cannot be written.
     pub fn finish(mut self) -> Result<()> {
-        self.before = None;
+        self.unmark();
         let written = self.written(|_| true);
         let gone: Vec<String> = self.run.files.difference(&written).cloned().collect();
         // What fails from here on leaves all names in the mark.
@@ -340,9 +354,7 @@ impl Drop for OutDir {
             self.run.files.extend(written);
             // Without the names they count as others' files.
             let _ = self.run.write(&self.path.join(UNFINISHED));
-        } else if let (Some(before), true) = (&self.before, !self.begun)
-            && before.write(&self.path.join(FINISHED)).is_ok()
-        {
+        } else if !self.begun && self.path.join(FINISHED).is_file() {
             // Nothing can be said of a failure here; both marks together are known as unfinished.
             let _ = remove_if_there(&self.path.join(UNFINISHED));
         }

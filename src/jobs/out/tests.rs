@@ -275,6 +275,38 @@ fn a_run_that_fails_before_its_first_file_leaves_the_result_before_it() {
     assert!(!folder.path().join(UNFINISHED).exists());
 }
 
+/// Killed while it still reads, hashes and counts, a run has replaced nothing.
+#[test]
+fn the_mark_of_a_result_goes_with_its_first_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = |name: &str| folder.path().join(name).exists();
+    let options = || Run::read(&folder.path().join(FINISHED)).map(|run| run.options);
+    write_all(folder.path(), 4, &["a.json"]);
+    let killed = |work: &dyn Fn(&mut OutDir)| {
+        let mut out = OutDir::create(folder.path(), run_of(16), true).unwrap();
+        work(&mut out);
+        out._lock = None;
+        std::mem::forget(out);
+    };
+    killed(&|_| {});
+    assert_eq!(options().unwrap(), run_of(4).options);
+    assert!(there(UNFINISHED));
+    killed(&|out| {
+        out.file("b.json");
+    });
+    assert!(!there(FINISHED) && there(UNFINISHED));
+    write_all(folder.path(), 4, &["a.json"]);
+    killed(&OutDir::begin);
+    assert!(!there(FINISHED) && there(UNFINISHED));
+    // One that fails beside another that has begun leaves the mark of both.
+    write_all(folder.path(), 4, &["a.json"]);
+    let shard = || OutDir::create_shared(folder.path(), run_of(16), true).unwrap();
+    let (mut first, second) = (shard(), shard());
+    first.begin();
+    drop(second);
+    assert!(!there(FINISHED) && there(UNFINISHED));
+}
+
 /// A result folder in a folder that is read: cut short, gone on with, replaced, beside another one.
 #[test]
 fn a_result_among_its_inputs_is_none_of_them() {
