@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::parallel;
+use crate::progress::{Progress, Silent};
 use mvs_datasets::layout::files;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -206,17 +207,38 @@ impl Inputs {
     /// # Errors
     /// What cannot be read.
     pub fn hash_others(&self, later: &BTreeSet<&Path>) -> Result<()> {
-        let hashes = self.others(later)?;
+        let hashes = self.others(later, &Silent)?;
+        self.known().extend(hashes);
+        Ok(())
+    }
+
+    /// Hashes what is not hashed yet, with progress where that takes long.
+    ///
+    /// # Errors
+    /// What cannot be read, and interruption.
+    pub fn hash(&self, progress: &dyn Progress) -> Result<()> {
+        let hashes = self.others(&BTreeSet::new(), progress)?;
         self.known().extend(hashes);
         Ok(())
     }
 
     /// The hashes of the files that are not hashed yet, but for those of `later`.
-    fn others(&self, later: &BTreeSet<&Path>) -> Result<BTreeMap<PathBuf, blake3::Hash>> {
+    fn others(
+        &self,
+        later: &BTreeSet<&Path>,
+        progress: &dyn Progress,
+    ) -> Result<BTreeMap<PathBuf, blake3::Hash>> {
         let mut paths = self.files();
         paths.retain(|path| !later.contains(path) && !self.known().contains_key(*path));
         paths.sort_unstable();
-        let hashes = parallel::try_map(paths.len(), |nth| hash_file(paths[nth]))?;
+        let bytes = paths
+            .iter()
+            .map(|path| std::fs::metadata(path).map_or(0, |file| file.len()));
+        let total: u64 = bytes.sum();
+        // What takes less than a second needs no stage of its own.
+        let progress = if total < LONG { &Silent } else { progress };
+        progress.begin("hashing, MiB", total >> 20);
+        let hashes = parallel::try_map(paths.len(), |nth| hash_file(paths[nth], progress))?;
         let paths = paths.into_iter().map(Path::to_path_buf);
         Ok(paths.zip(hashes).collect())
     }
@@ -237,7 +259,7 @@ impl Inputs {
 
     /// BLAKE3 of each, as [`hash_path`] has it, by the path it was given as.
     fn hashes(&self) -> Result<BTreeMap<String, String>> {
-        let mut hashes = self.others(&BTreeSet::new())?;
+        let mut hashes = self.others(&BTreeSet::new(), &Silent)?;
         hashes.extend(self.known().clone());
         let hash = |(path, listed): (&String, &Listed)| (path.clone(), listed.hash(&hashes));
         Ok(self.listed.iter().map(hash).collect())
@@ -304,12 +326,29 @@ pub(crate) fn real_path(path: &Path) -> Option<PathBuf> {
     Some(folder.join(path.file_name()?))
 }
 
-fn hash_file(path: &Path) -> Result<blake3::Hash> {
-    let mut hasher = blake3::Hasher::new();
-    hasher
-        .update_mmap(path)
-        .map_err(mvs_datasets::Error::io(path, "read"))?;
-    Ok(hasher.finalize())
+/// Bytes that take about half a second to hash.
+const LONG: u64 = 1 << 30;
+
+fn hash_file(path: &Path, progress: &dyn Progress) -> Result<blake3::Hash> {
+    const MIB: usize = 1 << 20;
+    let unreadable = || mvs_datasets::Error::io(path, "read");
+    let mut file = std::fs::File::open(path).map_err(unreadable())?;
+    let size = file
+        .metadata()
+        .map_or(PIECE, |file| file.len() as usize + 1);
+    let (mut hasher, mut all) = (blake3::Hasher::new(), 0);
+    let mut piece = vec![0; PIECE.min(size)];
+    loop {
+        let count = match file.read(&mut piece) {
+            Ok(0) => return Ok(hasher.finalize()),
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
+            other => other.map_err(unreadable())?,
+        };
+        update(&mut hasher, &piece[..count]);
+        progress.check()?;
+        progress.advance(((all + count) / MIB - all / MIB) as u64);
+        all += count;
+    }
 }
 
 /// BLAKE3 of a file's bytes; of a folder, over the names and hashes of its files, by name.
@@ -409,6 +448,39 @@ mod tests {
     }
 
     #[cfg(unix)]
+    #[test]
+    fn a_file_is_hashed_in_pieces_and_a_long_one_can_be_stopped() {
+        #[derive(Default)]
+        struct Heard(Mutex<Vec<(String, u64)>>);
+        impl Progress for Heard {
+            fn begin(&self, stage: &str, total: u64) {
+                self.0.lock().unwrap().push((stage.to_owned(), total));
+            }
+            fn advance(&self, _: u64) {}
+            fn cancelled(&self) -> bool {
+                true
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        for size in [0, 1, PIECE - 1, PIECE, PIECE + 1, 3 * PIECE + 5] {
+            let bytes: Vec<u8> = (0..size).map(|i| (i * i >> 3) as u8).collect();
+            files::write_atomically(&path, |out| out.write_all(&bytes)).unwrap();
+            let expected = blake3::hash(&bytes).to_hex().to_string();
+            assert_eq!(hash_path(&path).unwrap(), expected, "{size} bytes");
+        }
+        let hash = |heard: &Heard| Inputs::list(&[&path], &[]).unwrap().hash(heard);
+        let heard = Heard::default();
+        hash(&heard).unwrap();
+        assert!(heard.0.into_inner().unwrap().is_empty(), "a short one");
+        let file = std::fs::File::options().write(true).open(&path).unwrap();
+        file.set_len(LONG).unwrap();
+        let heard = Heard::default();
+        assert!(matches!(hash(&heard), Err(Error::Interrupted)));
+        let stages = heard.0.into_inner().unwrap();
+        assert_eq!(stages, [("hashing, MiB".to_owned(), 1024)]);
+    }
+
     #[test]
     fn own_files_are_left_out_by_whatever_path_and_nothing_else_is() {
         let folder = tempfile::tempdir().unwrap();

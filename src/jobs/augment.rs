@@ -7,7 +7,6 @@ use crate::generate;
 use crate::generate::augment::{self, Step};
 use crate::generate::masked;
 use crate::parallel;
-use crate::provenance::Run;
 use mvs_datasets::format::image::{self, JpegOptions};
 use mvs_datasets::layout::{blended, files};
 use mvs_datasets::scene::{ColorImage, Mask};
@@ -83,7 +82,7 @@ pub fn run(job: &AugmentJob, context: &Context<'_>) -> Result<AugmentOutcome> {
         .flatten()
         .map(PathBuf::as_path)
         .collect();
-    let run = Run::new("augment", job, &OutDir::inputs(&job.out, &inputs)?)?;
+    let run = context.run("augment", job, &OutDir::inputs(&job.out, &inputs)?)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let given: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
     let given: Vec<&Path> = given.iter().map(PathBuf::as_path).collect();

@@ -6,7 +6,6 @@ use crate::blend::{BlendOptions, Blender};
 use crate::error::{Error, Result};
 use crate::generate::{self, covering, find_named, masked, same_shape};
 use crate::parallel;
-use crate::provenance::Run;
 use mvs_datasets::format::image::JpegOptions;
 use mvs_datasets::layout::blended::record::read_json;
 use mvs_datasets::layout::{blended, files};
@@ -85,7 +84,7 @@ pub fn run(job: &BlendJob, context: &Context<'_>) -> Result<BlendOutcome> {
     )?;
     context.warn_of_unfinished(&[&job.rendered, &job.photos], &job.out);
     let inputs = find_inputs(job)?;
-    let run = Run::new(
+    let run = context.run(
         "blend",
         job,
         &OutDir::inputs(&job.out, &[&job.rendered, &job.photos])?,

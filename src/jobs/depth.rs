@@ -3,7 +3,6 @@
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
 use crate::parallel;
-use crate::provenance::Run;
 use crate::report::colormap;
 use crate::score::depth::{
     DepthMapsOfView, DepthRow, DepthScene, DepthScores, score_missing, score_scene, score_view,
@@ -170,7 +169,7 @@ fn create(job: &DepthJob, path: &Path, context: &Context<'_>) -> Result<OutDir> 
     context.warn_of_unfinished(&read, path);
     OutDir::create(
         path,
-        Run::new("depth", job, &OutDir::inputs(path, &read)?)?,
+        context.run("depth", job, &OutDir::inputs(path, &read)?)?,
         context.force,
     )
 }

@@ -12,6 +12,7 @@ mod score;
 
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
+use crate::progress::Progress;
 use crate::provenance::{Inputs, Run};
 use place::Place;
 use serde::{Deserialize, Serialize};
@@ -130,20 +131,21 @@ pub struct ExtremesOutcome {
     pub broken: usize,
 }
 
-/// Collects the rows of one stage.
-struct Rows {
+/// Collects the rows of one stage, unless the user wants that to stop.
+struct Rows<'a> {
     stage: &'static str,
     all: Vec<ExtremesRow>,
+    progress: &'a dyn Progress,
 }
 
-impl Rows {
+impl Rows<'_> {
     fn put(
         &mut self,
         (axis, value): (&str, f64),
         arithmetic: &str,
         (quantity, error): (&str, f64),
         bound: Option<f64>,
-    ) {
+    ) -> Result<()> {
         self.all.push(ExtremesRow {
             stage: self.stage.to_owned(),
             axis: axis.to_owned(),
@@ -153,6 +155,7 @@ impl Rows {
             error,
             bound,
         });
+        self.progress.check()
     }
 }
 
@@ -195,7 +198,7 @@ pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> 
 /// # Errors
 /// No points, and interruption.
 pub fn measure(job: &ExtremesJob, context: &Context<'_>) -> Result<Vec<ExtremesRow>> {
-    type Stage = fn(&ExtremesJob, &mut Rows) -> Result<()>;
+    type Stage = fn(&ExtremesJob, &mut Rows<'_>) -> Result<()>;
     let stages: [(&'static str, Stage); 4] = [
         ("render", render::measure),
         ("blend", blend::measure),
@@ -205,10 +208,10 @@ pub fn measure(job: &ExtremesJob, context: &Context<'_>) -> Result<Vec<ExtremesR
     context.progress.begin("extremes", stages.len() as u64);
     let mut all = Vec::new();
     for (stage, measure) in stages {
-        context.progress.check()?;
         let mut rows = Rows {
             stage,
             all: Vec::new(),
+            progress: context.progress,
         };
         measure(job, &mut rows)?;
         all.append(&mut rows.all);

@@ -112,7 +112,7 @@ pub fn run(job: &GenerateJob, part: Part, context: &Context<'_>) -> Result<Gener
     warn_of_plain(&loaded.mesh, context);
     let inputs = inputs_of(job, &loaded, &photographs)?;
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
-    let run = Run::new("generate", job, &Inputs::list(&inputs, &[])?)?;
+    let run = context.run("generate", job, &Inputs::list(&inputs, &[])?)?;
     let create = |(root, _): &(PathBuf, _)| {
         let out = OutDir::create_shared(&root.join(&id), run.clone(), context.force)?;
         generate::written().try_for_each(|name| out.check_not_read(name))?;

@@ -30,9 +30,10 @@ pub use out::{OutDir, check_out_file, run_file_beside};
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::provenance::Run;
+use crate::provenance::{Inputs, Run};
 use crate::warning::Warnings;
 use mvs_datasets::layout::blended::UNFINISHED;
+use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -48,6 +49,12 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
+    /// As [`Run::new`], with progress where the inputs take long to hash.
+    fn run(&self, command: &str, options: &impl Serialize, inputs: &Inputs) -> Result<Run> {
+        inputs.hash(self.progress)?;
+        Run::new(command, options, inputs)
+    }
+
     /// Says which of these inputs belong to results that are not finished: part of them may be missing. The result at
     /// `out`, which is made further, does not count, nor does the `demo` or the batch of scores that it is a part
     /// of.

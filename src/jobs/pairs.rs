@@ -112,7 +112,7 @@ type Chosen = (Vec<View>, Vec<Vec<SourceScore>>, Run);
 
 /// The run on the cameras and these mesh files. None of them may be replaced; a `pair.txt` among the cameras
 /// may, whoever wrote it: sources are chosen anew.
-fn run_of(job: &PairsJob, meshes: &[PathBuf]) -> Result<Run> {
+fn run_of(job: &PairsJob, meshes: &[PathBuf], context: &Context<'_>) -> Result<Run> {
     let run_file = run_file_beside(&job.out);
     let own = [job.out.clone(), run_file.clone()];
     let mut inputs: Vec<&Path> = vec![&job.cameras];
@@ -122,13 +122,13 @@ fn run_of(job: &PairsJob, meshes: &[PathBuf]) -> Result<Run> {
     let read = read.filter(|file| !file.ends_with("pair.txt"));
     check_no_input(&[&job.out, &run_file], read)?;
     check_run_file(&run_file, "pairs")?;
-    Run::new("pairs", job, &Inputs::list(&inputs, &own)?)
+    context.run("pairs", job, &Inputs::list(&inputs, &own)?)
 }
 
 /// Views with their sources by the points that they saw.
 fn sparse(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
     let model = read_model(job, context)?;
-    let run = run_of(job, &[])?;
+    let run = run_of(job, &[], context)?;
     let sources = sparse_sources(&model.views, (&model.points, &model.seen), &job.pairs)?;
     if sources.iter().all(Vec::is_empty) {
         return Err(no_pair(job, model.views.len(), false, ("points", "")));
@@ -164,7 +164,7 @@ fn exact(job: &PairsJob, context: &Context<'_>) -> Result<Chosen> {
     let options = (job.pixel_center, &job.camera);
     let scene = cameras::read(&job.cameras, options, None, context)?;
     let loaded = read_mesh(&job.mesh, &job.meshes, context)?;
-    let run = run_of(job, &loaded.files)?;
+    let run = run_of(job, &loaded.files, context)?;
     let renderer = Renderer::new(&loaded.mesh)?;
     let surface = (&renderer, &loaded.mesh);
     let views = scene.views().to_vec();

@@ -6,7 +6,6 @@ use super::{Context, OutDir};
 use crate::config::Size;
 use crate::error::{Error, Result};
 use crate::parallel;
-use crate::provenance::Run;
 use crate::render::{RenderOptions, Renderer, Rendering, Sight};
 use crate::warning::of_back_faces;
 use mvs_datasets::format::{image, pfm};
@@ -133,7 +132,7 @@ pub fn run(job: &RenderJob, context: &Context<'_>) -> Result<RenderOutcome> {
     inputs.push(&job.cameras);
     let out = OutDir::create(
         &job.out,
-        Run::new("render", job, &OutDir::inputs(&job.out, &inputs)?)?,
+        context.run("render", job, &OutDir::inputs(&job.out, &inputs)?)?,
         context.force,
     )?;
     let extras = job.extras.iter().map(|extra| extra.folder());

@@ -66,7 +66,7 @@ pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
     let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
     let out = OutDir::create(
         &job.out,
-        Run::new("report", job, &OutDir::inputs(&job.out, &inputs)?)?,
+        context.run("report", job, &OutDir::inputs(&job.out, &inputs)?)?,
         context.force,
     )?;
     let tables = leaderboard::site_tables(&boards);

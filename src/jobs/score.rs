@@ -20,7 +20,6 @@ pub(super) use plan::check_values;
 use super::{Context, OutDir};
 use crate::error::Result;
 use crate::parallel;
-use crate::provenance::Run;
 use crate::report::record::Record;
 use crate::score::sample::MeshAs;
 use crate::score::tnt::Profile;
@@ -122,7 +121,7 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<ScoreDocument> {
     let plan = Plan::new(job)?;
     let inputs: Vec<&Path> = plan.inputs.iter().map(PathBuf::as_path).collect();
     context.warn_of_unfinished(&inputs, &job.out);
-    let run = Run::new("score", job, &OutDir::inputs(&job.out, &inputs)?)?;
+    let run = context.run("score", job, &OutDir::inputs(&job.out, &inputs)?)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     let work = Work::new(job, &plan, context);
     // Hashes take a second for each two gigabytes, whatever the number of threads.

@@ -3,7 +3,7 @@
 use super::score::{self, Protocol, ScoreDocument, ScoreJob};
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
-use crate::provenance::{Run, VERSION, sorted_entries};
+use crate::provenance::{VERSION, sorted_entries};
 use crate::report::record::{self, Record};
 use crate::warning::Warnings;
 use mvs_datasets::layout::files;
@@ -90,7 +90,7 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     let out = OutDir::create(
         &job.out,
-        Run::new("score", job, &OutDir::inputs(&job.out, &inputs)?)?,
+        context.run("score", job, &OutDir::inputs(&job.out, &inputs)?)?,
         context.force,
     )?;
     // What lies in the folder was made by this batch, or by the one before it that it replaces.

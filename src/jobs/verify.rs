@@ -3,7 +3,6 @@
 use super::{Context, OutDir, name_of};
 use crate::error::Result;
 use crate::generate::verify::{self, Finding, Severity, Verification, VerifyOptions};
-use crate::provenance::Run;
 use mvs_datasets::layout::blended::{self, BlendedFolder};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -50,7 +49,7 @@ pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     let out = match &job.out {
         None => None,
         Some(out) => {
-            let run = Run::new("verify", job, &OutDir::inputs(out, &[&job.scene])?)?;
+            let run = context.run("verify", job, &OutDir::inputs(out, &[&job.scene])?)?;
             Some(OutDir::create(out, run, context.force)?)
         }
     };

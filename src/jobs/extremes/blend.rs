@@ -8,7 +8,7 @@ use mvs_datasets::scene::{ColorImage, Raster};
 
 const NORMALIZED: &str = "grey levels off, largest, normalized";
 
-pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
+pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows<'_>) -> Result<()> {
     // Powers of two, primes and images of hardly a pixel.
     let sizes = [
         (1, 1),
@@ -28,7 +28,7 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
             (NORMALIZED, BlendMode::Normalized),
         ] {
             let off = largest_difference(&blended(&image, &image, mode)?, &image);
-            rows.put(step, "ours", (quantity, off), Some(0.0));
+            rows.put(step, "ours", (quantity, off), Some(0.0))?;
         }
     }
     let image = pattern((160, 120))?;
@@ -37,7 +37,7 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
         let found = blended(&image, &lit, BlendMode::Normalized)?;
         let off = largest_difference(&found, &lit);
         let step = ("light", f64::from(light));
-        rows.put(step, "ours", (NORMALIZED, off), Some(0.0));
+        rows.put(step, "ours", (NORMALIZED, off), Some(0.0))?;
     }
     Ok(())
 }

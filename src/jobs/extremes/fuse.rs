@@ -13,19 +13,19 @@ const PLAIN: &str = "distance of back-projected pixels from their points over de
 /// What exact depth rounded to f32 and sampled between pixels may cost.
 const BOUND: f64 = 2e-5;
 
-pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
+pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows<'_>) -> Result<()> {
     let scene = facade(96)?;
     let usual = fused(&scene, Place::USUAL, 1)?.cloud.len();
     for (step, place) in Place::steps() {
         let found = fused(&scene, place, 1)?;
-        put(&scene, &found, (step, place), rows);
+        put(&scene, &found, (step, place), rows)?;
         let off = found.cloud.len().abs_diff(usual) as f64 / usual as f64;
         rows.put(
             step,
             "ours",
             ("points more or fewer, fraction", off),
             Some(1e-3),
-        );
+        )?;
         plainly(&scene, step, place, rows)?;
     }
     for copies in [1, 4, 16] {
@@ -35,11 +35,11 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
             &found,
             (("duplicates", copies as f64), Place::USUAL),
             rows,
-        );
+        )?;
     }
     for ratio in [1e1, 1e3, 1e6] {
         let error = near_and_far(&scene, ratio)?;
-        rows.put(("near-far", ratio), "ours", (QUANTITY, error), Some(BOUND));
+        rows.put(("near-far", ratio), "ours", (QUANTITY, error), Some(BOUND))?;
     }
     let widths = [24u32, 96, 384];
     for width in widths.into_iter().filter(|&width| width <= job.width) {
@@ -48,7 +48,7 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
         // Edges take up more of a smaller image: what is measured here is sampling, not arithmetic.
         let found = fused(&scene, Place::USUAL, 1)?;
         let error = median_distance(&scene, &found, Place::USUAL);
-        rows.put(step, "ours", (QUANTITY, error), None);
+        rows.put(step, "ours", (QUANTITY, error), None)?;
     }
     Ok(())
 }
@@ -100,10 +100,10 @@ fn put(
     scene: &SyntheticScene,
     found: &Fused,
     (step, place): ((&str, f64), Place),
-    rows: &mut Rows,
-) {
+    rows: &mut Rows<'_>,
+) -> Result<()> {
     let error = median_distance(scene, found, place);
-    rows.put(step, "ours", (QUANTITY, error), Some(BOUND));
+    rows.put(step, "ours", (QUANTITY, error), Some(BOUND))
 }
 
 /// Over depth; infinite without points, which is as wrong as can be.
@@ -115,7 +115,12 @@ fn median_distance(scene: &SyntheticScene, found: &Fused, place: Place) -> f64 {
 }
 
 /// The same depth, put into the world by plain arithmetic.
-fn plainly(scene: &SyntheticScene, step: (&str, f64), place: Place, rows: &mut Rows) -> Result<()> {
+fn plainly(
+    scene: &SyntheticScene,
+    step: (&str, f64),
+    place: Place,
+    rows: &mut Rows<'_>,
+) -> Result<()> {
     let usual = &scene.scene().views()[2];
     let view = place.view(usual)?;
     let middle = place.put(scene.mesh().bounds().center());
@@ -127,7 +132,7 @@ fn plainly(scene: &SyntheticScene, step: (&str, f64), place: Place, rows: &mut R
             let found = naive::back_projected(arithmetic, (&view, middle), at);
             worst = worst.max(found.distance(exact) / (depth * place.scale));
         }
-        rows.put(step, arithmetic.name, (PLAIN, worst), None);
+        rows.put(step, arithmetic.name, (PLAIN, worst), None)?;
     }
     Ok(())
 }

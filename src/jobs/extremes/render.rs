@@ -14,7 +14,7 @@ const OTHER_SURFACE: f64 = 1e-3;
 const STRIDE: usize = 23;
 const QUANTITY: &str = "relative depth error, largest";
 
-pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
+pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows<'_>) -> Result<()> {
     let scene = facade(160)?;
     for (step, place) in Place::steps() {
         at_place(&scene, step, place, rows)?;
@@ -23,7 +23,7 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
         let (view, mesh) = two_planes(ratio)?;
         let exact = |pixel: DVec2| Some(two_depths(&view, pixel, ratio));
         let errors = Errors::of(&mesh, &view, exact)?;
-        errors.put(rows, ("near-far", ratio), "ours");
+        errors.put(rows, ("near-far", ratio), "ours")?;
     }
     for copies in [1, 8, 64] {
         let triangles = scene.mesh().triangles();
@@ -33,14 +33,14 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
         let mesh = Mesh::new(scene.mesh().vertices().to_vec(), repeated.collect())?;
         let view = &scene.scene().views()[0];
         let errors = Errors::of(&mesh, view, |pixel| scene.depth_at(view, pixel))?;
-        errors.put(rows, ("duplicates", copies as f64), "ours");
+        errors.put(rows, ("duplicates", copies as f64), "ours")?;
     }
     let widths = [4, 64, 512, 2048];
     for width in widths.into_iter().filter(|&width| width <= job.width) {
         let scene = facade(width)?;
         let view = &scene.scene().views()[0];
         let errors = Errors::of(scene.mesh(), view, |pixel| scene.depth_at(view, pixel))?;
-        errors.put(rows, ("image-size", f64::from(width)), "ours");
+        errors.put(rows, ("image-size", f64::from(width)), "ours")?;
     }
     Ok(())
 }
@@ -60,7 +60,7 @@ fn at_place(
     scene: &SyntheticScene,
     step: (&str, f64),
     place: Place,
-    rows: &mut Rows,
+    rows: &mut Rows<'_>,
 ) -> Result<()> {
     let mesh = place.mesh(scene.mesh())?;
     let middle = mesh.bounds().center();
@@ -72,7 +72,7 @@ fn at_place(
             .map(|depth| depth * place.scale)
     };
     let errors = Errors::of(&mesh, &view, exact)?;
-    errors.put(rows, step, "ours");
+    errors.put(rows, step, "ours")?;
     let pixels: Vec<DVec2> = centres(&view).step_by(STRIDE).collect();
     for arithmetic in naive::ALL {
         let found = naive::depths(arithmetic, (&mesh, middle), &view, &pixels);
@@ -82,7 +82,7 @@ fn at_place(
             let error = exact(pixel).map_or(0.0, |exact| (depth / exact - 1.0).abs().min(1.0));
             worst = worst.max(error);
         }
-        rows.put(step, arithmetic.name, (QUANTITY, worst), None);
+        rows.put(step, arithmetic.name, (QUANTITY, worst), None)?;
     }
     Ok(())
 }
@@ -129,11 +129,11 @@ impl Errors {
         })
     }
 
-    fn put(&self, rows: &mut Rows, step: (&str, f64), arithmetic: &str) {
+    fn put(&self, rows: &mut Rows<'_>, step: (&str, f64), arithmetic: &str) -> Result<()> {
         let bound = Some(DEPTH_BOUND);
-        rows.put(step, arithmetic, (QUANTITY, self.largest), bound);
+        rows.put(step, arithmetic, (QUANTITY, self.largest), bound)?;
         let quantity = ("pixels on another surface, fraction", self.other_surface);
-        rows.put(step, arithmetic, quantity, Some(1e-3));
+        rows.put(step, arithmetic, quantity, Some(1e-3))
     }
 }
 

@@ -11,7 +11,7 @@ use mvs_metrics::Tolerance;
 const TAU: f64 = 0.01;
 const QUANTITY: &str = "change of precision or recall, larger";
 
-pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
+pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows<'_>) -> Result<()> {
     let clouds = Clouds::new(u64::from(job.points));
     let usual = clouds.fractions()?;
     for (step, place) in Place::steps() {
@@ -21,12 +21,12 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
             _ => bound_of(job.points),
         };
         let change = usual.largest_change(&moved.fractions()?);
-        rows.put(step, "ours", (QUANTITY, change), Some(bound));
+        rows.put(step, "ours", (QUANTITY, change), Some(bound))?;
         let middle = place.put(DVec3::ZERO);
         for arithmetic in naive::ALL {
             let stored = moved.map(|point| arithmetic.stored(point, middle));
             let change = usual.largest_change(&stored.fractions()?);
-            rows.put(step, arithmetic.name, (QUANTITY, change), None);
+            rows.put(step, arithmetic.name, (QUANTITY, change), None)?;
         }
     }
     for ratio in [1e3, 1e6, 1e9] {
@@ -39,7 +39,7 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
         let off = found.0.within.abs_diff(usual.0.within + 1)
             + found.1.within.abs_diff(usual.1.within + 1);
         let quantity = ("counts changed beyond the outlier's own", off as f64);
-        rows.put(("near-far", ratio), "ours", quantity, Some(0.0));
+        rows.put(("near-far", ratio), "ours", quantity, Some(0.0))?;
     }
     for copies in [2usize, 10] {
         let repeat = |points: &[DVec3]| -> Vec<DVec3> {
@@ -59,7 +59,7 @@ pub(super) fn measure(job: &ExtremesJob, rows: &mut Rows) -> Result<()> {
             "ours",
             (QUANTITY, change),
             Some(0.0),
-        );
+        )?;
     }
     Ok(())
 }
@@ -158,6 +158,7 @@ fn unit(seed: u64, key: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::Silent;
 
     /// Of so many, one point that changes sides is more than the change allowed for a million.
     #[test]
@@ -170,6 +171,7 @@ mod tests {
             let mut rows = Rows {
                 stage: "score",
                 all: Vec::new(),
+                progress: &Silent,
             };
             measure(&job, &mut rows).unwrap();
             let broken = rows.all.iter().find(|row| !row.holds());

@@ -12,7 +12,7 @@ use std::path::{Component, Path, PathBuf};
 /// be made. What a killed run has left of it goes.
 ///
 /// # Errors
-/// An empty path or one that names a folder, a device or pipe there, a folder that cannot be made, and
+/// An empty path or one that names a folder, a device or pipe there, a name too long for the `run.toml` beside it, a folder that cannot be made, and
 /// [`Error::Exists`] where the file is there, without `force`.
 pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
     check_given(path)?;
@@ -41,7 +41,22 @@ pub fn check_out_file(path: &Path, force: bool) -> Result<()> {
     }
     let parent = files::folder_of(path);
     fs::create_dir_all(parent).map_err(mvs_datasets::Error::io(parent, "create the folder"))?;
+    check_length(path)?;
     files::remove_left(path);
+    Ok(())
+}
+
+/// Refuses a name that leaves no room for that of the `run.toml` beside it.
+fn check_length(path: &Path) -> Result<()> {
+    let beside = run_file_beside(path).symlink_metadata();
+    if beside.is_err_and(|error| error.kind() == std::io::ErrorKind::InvalidFilename) {
+        let name = path.file_stem().unwrap_or_default();
+        let problem = format!(
+            "expected a name to which .run.toml can be put, found one of {} bytes: give a shorter one",
+            name.len()
+        );
+        return Err(Error::invalid(path.display().to_string(), problem));
+    }
     Ok(())
 }
 

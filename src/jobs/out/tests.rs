@@ -123,6 +123,22 @@ fn a_run_that_failed_before_its_first_file_is_in_nobodys_way() {
     assert!(OutDir::create(folder.path(), run_of(16), false).is_err());
 }
 
+/// Known before the work, not after it.
+#[test]
+fn a_name_leaves_room_for_that_of_its_run_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let check = |letters: usize| {
+        let name = format!("new/{}.ply", "n".repeat(letters));
+        check_out_file(&folder.path().join(name), false)
+    };
+    check(100).unwrap();
+    let error = check(250).unwrap_err().to_string();
+    assert!(
+        error.contains("one of 250 bytes: give a shorter"),
+        "{error}"
+    );
+}
+
 #[test]
 fn a_result_file_has_a_name() {
     let folder = tempfile::tempdir().unwrap();

@@ -193,7 +193,7 @@ pub fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> {
     let blank = Run::new("tradeoff", job, &Inputs::default())?;
     OutDir::check_again(&job.out, &blank, context.force)?;
     check_inputs(job, context)?;
-    let run = Run::new("tradeoff", job, &inputs)?;
+    let run = context.run("tradeoff", job, &inputs)?;
     let out = OutDir::create(&job.out, run, context.force)?;
     if !clock::tells_cpu_time() {
         let message = "this system does not tell CPU times; wall-clock times are written instead";
