@@ -155,6 +155,12 @@ fn mask_of(depths: Option<&Path>, name: &str, image: &ColorImage) -> Result<Mask
         if mask.size() == image.size() {
             return Ok(mask);
         }
+        let ((width, height), (columns, rows)) = (image.size(), mask.size());
+        let problem = format!(
+            "expected {width}x{height} pixels as {name} has, found {columns}x{rows}: put depth maps of these \
+             images there, or none to take what is black in the images for no surface"
+        );
+        return Err(Error::invalid(path.display().to_string(), problem));
     }
     Ok(image.map(|pixel| pixel.iter().any(|&level| level > masked::BACKGROUND)))
 }

@@ -1,5 +1,7 @@
 //! `mvs-eval depth`: estimated depth maps against a scene's true ones.
 
+mod stated;
+
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
 use crate::parallel;
@@ -105,6 +107,9 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
             context.warnings.add(&warning.code, warning.message);
         }
     };
+    if let Some(warning) = stated::warning(job, &folder, all) {
+        context.warnings.add(&warning.code, warning.message);
+    }
     let out = job.out.as_deref();
     let out = out.map(|path| create(job, path, context)).transpose()?;
     context.progress.begin("comparing", all.len() as u64);

@@ -45,6 +45,7 @@ impl VerifyOutcome {
 /// `verify.json` that cannot be written; else as [`verify::verify`].
 pub fn run(job: &VerifyJob, context: &Context<'_>) -> Result<VerifyOutcome> {
     super::require("verify", &[("SCENE", &[&job.scene], "a scene folder")])?;
+    job.verify.check()?;
     let (folders, missing) = scenes_at(&job.scene)?;
     let out = match &job.out {
         None => None,

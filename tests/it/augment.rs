@@ -309,4 +309,12 @@ fn a_scene_s_masks_are_those_of_its_depth_maps() {
             .any(|(at, pixel)| at % 3 == 0 && pixel[0] > 0),
         "the draw tells"
     );
+    // Of other pixels it says nothing about these.
+    let small = Raster::from_values(20, 15, vec![1.0; 300]).unwrap();
+    let path = scene.join("rendered_depth_maps/00000002.pfm");
+    files::write_atomically(&path, |out| pfm::write_gray(out, &small)).unwrap();
+    let output = augmented(&scene, "7", &folder.path().join("other"));
+    assert_eq!(output.status.code(), Some(2));
+    let said = "00000002.pfm: expected 40x30 pixels as 00000002_masked.png has, found 20x15";
+    assert!(stderr(&output).contains(said), "{}", stderr(&output));
 }

@@ -524,4 +524,17 @@ fn exports_beside_the_scene_are_its_cameras() {
             assert!(scene.path().join(&a.name).is_file() || scene.image(a.id).is_file());
         }
     }
+    // What cannot be verified leaves no folder.
+    let out = folder.path().join("verified");
+    let few = mvs_eval(&[
+        "verify",
+        text(scene.path()),
+        "--points",
+        "199",
+        "--out",
+        text(&out),
+    ]);
+    assert_eq!(few.status.code(), Some(2));
+    assert!(stderr(&few).contains("expected at least 200, found 199"));
+    assert!(!out.exists());
 }

@@ -365,3 +365,37 @@ fn what_is_wrong_with_the_truth_is_said() {
     assert_eq!(answer["scene"]["partial"], false);
     assert!(answer["scene"]["mean_over_views"]["epe"].is_null());
 }
+
+/// Errors three halves as large in the cam's own intervals are not called smaller without a word.
+#[test]
+fn an_interval_that_cams_state_and_errors_are_not_counted_in_is_said() {
+    let folder = scene();
+    let cam = |id: u32, tail: &str| {
+        let path = folder
+            .path()
+            .join("cams")
+            .join(mvsnet::file_name(id, "_cam.txt"));
+        let text = CAM.replace("1 1 8 9", tail);
+        files::write_atomically(&path, |out| out.write_all(text.as_bytes())).unwrap();
+    };
+    let said = |planes: &str| {
+        let mut arguments = arguments(folder.path(), &[]);
+        let last = arguments.len() - 1;
+        arguments[last] = planes.to_owned();
+        stderr(&run(&arguments)).contains("state another depth interval")
+    };
+    assert!(!said("8"));
+    assert!(said("12"));
+    // MVSNet's two numbers stand for 192 planes.
+    for id in [0, 2, 5] {
+        cam(id, "1 0.0625");
+    }
+    assert!(said("128") && !said("192") && !said("191"));
+    cam(2, "1 0.05 128 9");
+    let mut given = arguments(folder.path(), &[]);
+    *given.last_mut().unwrap() = "192".to_owned();
+    let output = run(&given);
+    let wanted = "the cams of 1 of 3 views state another depth interval than the 192th part";
+    assert!(stderr(&output).contains(wanted), "{}", stderr(&output));
+    assert!(stderr(&output).contains("--planes 160 counts in its own"));
+}

@@ -132,6 +132,20 @@ impl Verification {
 /// With fewer points per view nothing can be said of its pairs.
 const FEWEST_POINTS: u32 = 200;
 
+impl VerifyOptions {
+    /// Refuses options with which nothing can be verified.
+    ///
+    /// # Errors
+    /// Fewer than 200 points per view.
+    pub fn check(&self) -> Result<()> {
+        if self.points < FEWEST_POINTS {
+            let problem = format!("expected at least {FEWEST_POINTS}, found {}", self.points);
+            return Err(Error::invalid("verify: --points", problem));
+        }
+        Ok(())
+    }
+}
+
 /// Verifies the scene in `folder`. What is wrong with it is a finding, not an error; an error means
 /// that it could not be looked at.
 ///
@@ -142,13 +156,7 @@ pub fn verify(
     options: &VerifyOptions,
     progress: &dyn Progress,
 ) -> Result<Verification> {
-    if options.points < FEWEST_POINTS {
-        let problem = format!(
-            "expected at least {FEWEST_POINTS}, found {}",
-            options.points
-        );
-        return Err(Error::invalid("verify: --points", problem));
-    }
+    options.check()?;
     let mut findings = rules::check(folder)?;
     let mut verification = Verification {
         views: 0,
