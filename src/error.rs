@@ -51,10 +51,41 @@ impl Error {
         }
     }
 
+    /// What is wrong with `text`, which was read as TOML from `what`: its line, and the parser's word.
+    pub(crate) fn toml(what: impl Into<String>, text: &str, error: &toml::de::Error) -> Self {
+        let problem = error.message().trim().replace('\n', ", ");
+        let before = error.span().and_then(|span| text.get(..span.start));
+        let problem = match before {
+            Some(before) => format!("line {}: {problem}", before.matches('\n').count() + 1),
+            None => problem,
+        };
+        Self::invalid(what, problem)
+    }
+
     /// An [`Error::Exists`].
     pub fn exists(path: impl AsRef<Path>) -> Self {
         Self::Exists {
             path: path.as_ref().to_path_buf(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_toml_is_one_sentence_with_its_line() {
+        let said = |text: &str| {
+            let error = toml::from_str::<crate::provenance::Run>(text).unwrap_err();
+            Error::toml("run.toml", text, &error).to_string()
+        };
+        let unclosed = said("command = \"fuse\"\nversion = [\n1,\n");
+        assert!(unclosed.starts_with("run.toml: line 3: "), "{unclosed}");
+        for text in ["a = 1\na = 2", "command = 1", "\u{e9} = ", ""] {
+            let said = said(text);
+            assert!(!said.contains(['\n', '|', '^']), "{said}");
+        }
+        assert!(said("").contains("missing field `command`"), "{}", said(""));
     }
 }

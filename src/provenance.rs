@@ -64,10 +64,8 @@ impl Run {
     /// Names the file that cannot be read, or the key in it that is missing, unknown or of another kind.
     pub fn read(path: &Path) -> Result<Self> {
         let text = files::read_text(path)?;
-        toml::from_str(&text).map_err(|error| {
-            let problem = error.to_string().trim().replace('\n', " ");
-            Error::invalid(path.display().to_string(), problem)
-        })
+        toml::from_str(&text)
+            .map_err(|error| Error::toml(path.display().to_string(), &text, &error))
     }
 
     /// Writes a `run.toml`.

@@ -52,10 +52,8 @@ pub fn read_layer_of<T: DeserializeOwned>(path: &Path, command: &str) -> Result<
 
 fn read_layer(path: &Path, command: &str) -> Result<Table> {
     let text = files::read_text(path)?;
-    let table: Table = toml::from_str(&text).map_err(|error| {
-        let problem = error.to_string().trim().replace('\n', " ");
-        Error::invalid(path.display().to_string(), problem)
-    })?;
+    let table: Table = toml::from_str(&text)
+        .map_err(|error| Error::toml(path.display().to_string(), &text, &error))?;
     if !table.contains_key("command") {
         return Ok(table);
     }

@@ -1,6 +1,9 @@
 //! `cluster`: connected pixels that agree in position and normal become one point, as COLMAP's
 //! stereo_fusion does. One pixel after another in a fixed order: a pixel joins the first cluster
 //! that reaches it, so the order is part of the result and nothing runs in parallel but reading.
+//!
+//! A pixel's ray goes through its centre, (column + 0.5, row + 0.5), as everywhere here; COLMAP's own fusion takes
+//! (column, row), so that its points lie half a pixel to the upper left of these.
 
 use super::counts::FuseCounts;
 use super::engine::{FuseInputs, columns};

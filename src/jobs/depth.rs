@@ -1,6 +1,6 @@
 //! `mvs-eval depth`: estimated depth maps against a scene's true ones.
 
-mod stated;
+mod odd;
 
 use super::{Context, OutDir};
 use crate::error::{Error, Result};
@@ -107,7 +107,8 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
             context.warnings.add(&warning.code, warning.message);
         }
     };
-    if let Some(warning) = stated::warning(job, &folder, all) {
+    let odd = [odd::intervals(job, &folder, all), odd::strays(job, all)?];
+    for warning in odd.into_iter().flatten() {
         context.warnings.add(&warning.code, warning.message);
     }
     let out = job.out.as_deref();

@@ -139,11 +139,8 @@ fn reported(name: String, made: Result<generate::GenerateOutcome>) -> BatchScene
 /// it gives none.
 fn jobs_of(path: &Path, flags: &Table) -> Result<Vec<(String, Result<GenerateJob>)>> {
     let text = files::read_text(path)?;
-    let wrong = |error: toml::de::Error| {
-        let problem = error.to_string().trim().replace('\n', " ");
-        Error::invalid(path.display().to_string(), problem)
-    };
-    let manifest: Manifest = toml::from_str(&text).map_err(wrong)?;
+    let manifest: Manifest = toml::from_str(&text)
+        .map_err(|error| Error::toml(path.display().to_string(), &text, &error))?;
     if manifest.scene.is_empty() {
         let problem = "expected at least one [[scene]], found none";
         return Err(Error::invalid(path.display().to_string(), problem));

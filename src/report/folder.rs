@@ -86,9 +86,8 @@ impl Folder {
     /// Names the key that is unknown or missing, the text that is empty, the date that is not `YYYY-MM-DD`, and the
     /// file whose name leaves the folder, begins with a point, or has spaces or brackets.
     pub fn parse(text: &str) -> Result<Self> {
-        let folder: Self = toml::from_str(text).map_err(|error| {
-            Error::invalid("record", error.to_string().trim().replace('\n', " "))
-        })?;
+        let folder: Self =
+            toml::from_str(text).map_err(|error| Error::toml("record", text, &error))?;
         folder.check()?;
         Ok(folder)
     }

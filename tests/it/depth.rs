@@ -398,4 +398,10 @@ fn an_interval_that_cams_state_and_errors_are_not_counted_in_is_said() {
     let wanted = "the cams of 1 of 3 views state another depth interval than the 192th part";
     assert!(stderr(&output).contains(wanted), "{}", stderr(&output));
     assert!(stderr(&output).contains("--planes 160 counts in its own"));
+    // A map of another scene, or of a view whose cam is missing, is left out, and told of.
+    put(&folder.path().join("estimates"), 55, (4, 2), &[4.0; 8]);
+    let output = run(&given);
+    let wanted = "estimates: 1 depth maps are of views without a cam in the truth and are left out, the first is \
+                  00000055.pfm";
+    assert!(stderr(&output).contains(wanted), "{}", stderr(&output));
 }

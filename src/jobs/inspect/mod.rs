@@ -61,7 +61,13 @@ fn fact(name: &'static str, value: impl Into<String>) -> Fact {
 pub fn run(job: &InspectJob, _context: &Context<'_>) -> Result<Inspection> {
     let path = &job.path;
     if !path.exists() {
-        let problem = "expected a file or folder, found nothing there";
+        let problem = match path.symlink_metadata() {
+            Ok(_) => "expected a file or folder, found a link that leads to none",
+            Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => {
+                "expected a file or folder, found one that may not be looked at: permission denied"
+            }
+            Err(_) => "expected a file or folder, found nothing there",
+        };
         return Err(mvs_datasets::Error::layout(path, problem).into());
     }
     let extension = path

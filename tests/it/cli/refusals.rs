@@ -28,6 +28,13 @@ fn missing_files_are_named() {
         &["inspect", text(&missing)],
         &["missing", "found nothing there"],
     );
+    #[cfg(unix)]
+    {
+        let link = scene.path().join("link");
+        std::os::unix::fs::symlink("nowhere", &link).unwrap();
+        let said = "found a link that leads to none";
+        assert_refused(&["inspect", text(&link)], &["link", said]);
+    }
     assert!(
         !out.join("run.toml").exists(),
         "a refused run leaves no finished result"
