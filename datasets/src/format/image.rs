@@ -80,18 +80,40 @@ pub fn read_gray(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
     Raster::from_values(width, height, gray.into_raw()).map_err(FormatError::at("image"))
 }
 
-/// Reads the opacity of a JPEG or PNG: its alpha channel, `None` where it has none.
+/// One of the numbers of a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Channel {
+    /// Its red.
+    Red,
+    /// Its green.
+    Green,
+    /// Its blue.
+    Blue,
+    /// Its opacity.
+    Alpha,
+    /// What [`read_gray`] makes of its colours.
+    Luminance,
+}
+
+/// Reads one channel of a JPEG or PNG; `None` for the opacity of an image that states none.
 ///
 /// # Errors
 /// As [`read_gray`].
-pub fn read_alpha(bytes: &[u8]) -> Result<Option<Raster<u8>>, FormatError> {
+pub fn read_channel(bytes: &[u8], channel: Channel) -> Result<Option<Raster<u8>>, FormatError> {
+    let place = match channel {
+        Channel::Red => 0,
+        Channel::Green => 1,
+        Channel::Blue => 2,
+        Channel::Alpha => 3,
+        Channel::Luminance => return read_gray(bytes).map(Some),
+    };
     let image = decode(bytes)?;
-    if !image.color().has_alpha() {
+    if channel == Channel::Alpha && !image.color().has_alpha() {
         return Ok(None);
     }
     let rgba = image.into_rgba8();
     let (width, height) = rgba.dimensions();
-    let values = rgba.pixels().map(|pixel| pixel.0[3]).collect();
+    let values = rgba.pixels().map(|pixel| pixel.0[place]).collect();
     let raster = Raster::from_values(width, height, values);
     raster.map(Some).map_err(FormatError::at("image"))
 }
@@ -323,11 +345,16 @@ mod tests {
         PngEncoder::new(&mut bytes)
             .write_image(&[1, 2, 3, 4, 5, 6, 7, 200], 2, 1, ExtendedColorType::Rgba8)
             .unwrap();
-        assert_eq!(read_alpha(&bytes).unwrap().unwrap().values(), [4, 200]);
+        let channel = |channel| read_channel(&bytes, channel).unwrap().unwrap();
+        assert_eq!(channel(Channel::Alpha).values(), [4, 200]);
+        assert_eq!(channel(Channel::Red).values(), [1, 5]);
+        assert_eq!(channel(Channel::Green).values(), [2, 6]);
+        assert_eq!(channel(Channel::Blue).values(), [3, 7]);
+        assert_eq!(channel(Channel::Luminance), read_gray(&bytes).unwrap());
         assert_eq!(read_color(&bytes).unwrap().values(), [[1, 2, 3], [5, 6, 7]]);
         let opaque = jpeg(&smooth(4, 3), JpegOptions::default());
-        assert_eq!(read_alpha(&opaque).unwrap(), None);
-        assert!(read_alpha(&bytes[..20]).is_err());
+        assert_eq!(read_channel(&opaque, Channel::Alpha).unwrap(), None);
+        assert!(read_channel(&bytes[..20], Channel::Alpha).is_err());
     }
 
     #[test]

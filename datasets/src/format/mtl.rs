@@ -1,5 +1,6 @@
 //! MTL: the materials of OBJ files. Only what shows is read: `Kd`, `map_Kd` and `map_d`.
 
+use super::image::Channel;
 use super::obj::{fields, lines, plain, rest_of_line};
 use crate::error::FormatError;
 use glam::Vec2;
@@ -29,6 +30,8 @@ pub struct MtlTexture {
     pub offset: Vec2,
     /// Option `-clamp on`: beyond its border the image is not repeated.
     pub clamped: bool,
+    /// Option `-imfchan`: the one channel that counts; `None` where it is not given or names none of these.
+    pub channel: Option<Channel>,
 }
 
 /// Reads all materials in order. Statements before the first `newmtl` and unknown ones are skipped.
@@ -102,6 +105,7 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
         scale: Vec2::ONE,
         offset: Vec2::ZERO,
         clamped: false,
+        channel: None,
     };
     let mut rest = text.trim();
     while let Some(option) = rest.strip_prefix('-') {
@@ -114,9 +118,11 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
             | "type" | "colorspace" => 1,
             _ => break,
         };
-        if name == "clamp" {
-            let value = after.split_whitespace().next();
-            texture.clamped = value.is_some_and(|value| value.eq_ignore_ascii_case("on"));
+        let value = after.split_whitespace().next().unwrap_or_default();
+        match name.as_str() {
+            "clamp" => texture.clamped = value.eq_ignore_ascii_case("on"),
+            "imfchan" => texture.channel = channel_of(value),
+            _ => {}
         }
         let (values, after) = arguments(after, most);
         let target = match name.as_str() {
@@ -132,6 +138,18 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
     }
     texture.file = rest.to_owned();
     (!rest.is_empty()).then_some(texture)
+}
+
+/// The channel that `-imfchan` names.
+fn channel_of(value: &str) -> Option<Channel> {
+    match value.to_ascii_lowercase().as_str() {
+        "r" => Some(Channel::Red),
+        "g" => Some(Channel::Green),
+        "b" => Some(Channel::Blue),
+        "m" => Some(Channel::Alpha),
+        "l" => Some(Channel::Luminance),
+        _ => None,
+    }
 }
 
 /// Up to `most` arguments at the front of `text`, and what follows them. Options with one argument
@@ -171,6 +189,18 @@ mod tests {
         assert_eq!(materials[0].texture.as_ref().unwrap().file, "a.png");
         let masked = only("newmtl m\nmap_d leaf mask.png");
         assert_eq!(masked.mask.unwrap().file, "leaf mask.png");
+        for (word, channel) in [
+            ("l", Some(Channel::Luminance)),
+            ("M", Some(Channel::Alpha)),
+            ("r", Some(Channel::Red)),
+            ("g", Some(Channel::Green)),
+            ("b", Some(Channel::Blue)),
+            ("z", None),
+        ] {
+            let masked = only(&format!("newmtl m\nmap_d -imfchan {word} a.png"));
+            let mask = masked.mask.unwrap();
+            assert_eq!((mask.file.as_str(), mask.channel), ("a.png", channel));
+        }
         assert_eq!(
             (materials[1].name.as_str(), materials[1].color),
             ("", Some([51; 3]))
@@ -246,6 +276,7 @@ mod tests {
                     scale,
                     offset,
                     clamped: line.contains("-clamp on"),
+                    channel: None,
                 },
                 "{line}"
             );

@@ -170,7 +170,13 @@ impl Library {
             };
         }
         if let Some(mask) = stated.mask.as_ref().filter(|_| used.textured) {
-            let number = self.texture_of(&[library, mesh], &mask.file, Use::OpacityOrGray);
+            // Nobody cuts a picture by its own brightness: one that is shown as well is cut by its alpha.
+            let shown = stated.texture.as_ref().map(|texture| &texture.file);
+            let used_for = match mask.channel {
+                None if shown == Some(&mask.file) => Use::Opacity,
+                channel => Use::Mask(channel),
+            };
+            let number = self.texture_of(&[library, mesh], &mask.file, used_for);
             draft.opacity = number.map(|number| (number, 0.5));
             let own = Placement {
                 scale: mask.scale,

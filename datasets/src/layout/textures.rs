@@ -4,7 +4,7 @@ use super::files::read_with;
 use super::materials::Draft;
 use super::mesh::ReadOptions;
 use crate::error::{Error, FormatError, Result};
-use crate::format::image;
+use crate::format::image::{self, Channel};
 use crate::parallel;
 use crate::scene::{ColorImage, Cutout, Material, Raster};
 use std::collections::BTreeMap;
@@ -20,8 +20,8 @@ pub(super) enum Use {
     Scaled([u32; 3]),
     /// Its alpha channel; an image without one is solid.
     Opacity,
-    /// Its alpha channel, else its brightness.
-    OpacityOrGray,
+    /// The channel that is asked for; else its alpha channel, or its brightness where that is opaque throughout.
+    Mask(Option<Channel>),
 }
 
 impl Use {
@@ -45,7 +45,7 @@ impl Use {
             Self::Color | Self::Scaled(_) => {
                 "the colors of its vertices are shown, or, where there are none, its material's"
             }
-            Self::Opacity | Self::OpacityOrGray => "nothing is cut out of the surface",
+            Self::Opacity | Self::Mask(_) => "nothing is cut out of the surface",
         }
     }
 
@@ -53,7 +53,7 @@ impl Use {
     fn bytes(self) -> u64 {
         match self {
             Self::Color | Self::Scaled(_) => 3,
-            Self::Opacity | Self::OpacityOrGray => 1,
+            Self::Opacity | Self::Mask(_) => 1,
         }
     }
 }
@@ -96,13 +96,26 @@ impl Wanted {
                 let color = scaled(image::read_color(bytes)?, factor);
                 Ok(Image::Color(Arc::new(color)))
             }
-            Use::Opacity => Ok(image::read_alpha(bytes)?
+            Use::Opacity => Ok(image::read_channel(bytes, Channel::Alpha)?
                 .map_or(Image::Solid, |alpha| Image::Opacity(Arc::new(alpha)))),
-            Use::OpacityOrGray => match image::read_alpha(bytes)? {
-                Some(alpha) => Ok(Image::Opacity(Arc::new(alpha))),
-                None => Ok(Image::Opacity(Arc::new(image::read_gray(bytes)?))),
-            },
+            Use::Mask(channel) => Ok(Image::Opacity(Arc::new(read_mask(bytes, channel)?))),
         })
+    }
+}
+
+/// Where there is surface: by `channel`, else by alpha, which many tools write opaque throughout beside a
+/// mask in grey.
+fn read_mask(bytes: &[u8], channel: Option<Channel>) -> Result<Raster<u8>, FormatError> {
+    if let Some(channel) = channel {
+        return image::read_channel(bytes, channel)?.ok_or_else(|| {
+            let problem = "expected an alpha channel, for which -imfchan m asks, found none";
+            FormatError::new("image", problem)
+        });
+    }
+    let alpha = image::read_channel(bytes, Channel::Alpha)?;
+    match alpha.filter(|alpha| alpha.values().iter().any(|&level| level < 255)) {
+        Some(alpha) => Ok(alpha),
+        None => image::read_gray(bytes),
     }
 }
 

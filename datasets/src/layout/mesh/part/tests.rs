@@ -3,6 +3,7 @@
 use crate::layout::files::write_atomically;
 use crate::layout::mesh::read_meshes;
 use glam::Vec2;
+use image::ImageEncoder;
 use std::io::Write;
 use std::path::Path;
 
@@ -49,6 +50,56 @@ fn options_of_textures_that_are_not_followed() {
         put(folder, "m.mtl", &format!("newmtl a\n{maps}\n"));
         said(folder, "m.obj", parts);
     }
+}
+
+/// The opacity that a mask of two pixels gives a material: red of 200 and opaque, green of 100 and opaque or not.
+#[test]
+fn masks_are_cut_by_the_channel_that_says_something() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
+    let obj = format!("mtllib m.mtl\n{vertices}usemtl a\nf 1/1 2/2 3/3\n");
+    put(folder, "m.obj", &obj);
+    let cut = |alpha: u8, maps: &str| {
+        let pixels = [200, 0, 0, 255, 0, 100, 0, alpha];
+        write_atomically(&folder.join("a.png"), |out| {
+            image::codecs::png::PngEncoder::new(out)
+                .write_image(&pixels, 2, 1, image::ExtendedColorType::Rgba8)
+                .map_err(std::io::Error::other)
+        })
+        .unwrap();
+        put(folder, "m.mtl", &format!("newmtl a\n{maps}\n"));
+        let loaded = read_meshes(&[folder.join("m.obj")]).unwrap();
+        let cutout = loaded.mesh.material_of(0).cutout.as_ref();
+        (
+            cutout.map(|cutout| cutout.opacity.values().to_vec()),
+            loaded.notes,
+        )
+    };
+    put_image(folder);
+    let gray = crate::format::image::read_gray;
+    for (alpha, maps, expected) in [
+        (9, "map_d a.png", Some(vec![255, 9])),
+        (255, "map_d -imfchan m a.png", Some(vec![255, 255])),
+        (9, "map_d -imfchan r a.png", Some(vec![200, 0])),
+        (9, "map_d -imfchan g a.png", Some(vec![0, 100])),
+        (9, "map_Kd a.png\nmap_d a.png", Some(vec![255, 9])),
+        // A picture whose opacity is its own: dark parts of it stay.
+        (255, "map_Kd a.png\nmap_d a.png", Some(vec![255, 255])),
+        (255, "map_Kd t.png\nmap_d t.png", None),
+    ] {
+        assert_eq!(cut(alpha, maps), (expected, vec![]), "{alpha} {maps}");
+    }
+    for (alpha, maps) in [(255, "map_d a.png"), (9, "map_d -imfchan l a.png")] {
+        let found = cut(alpha, maps);
+        let gray = gray(&std::fs::read(folder.join("a.png")).unwrap()).unwrap();
+        assert_eq!(found, (Some(gray.values().to_vec()), vec![]), "{maps}");
+    }
+    let (opacity, notes) = cut(9, "map_d -imfchan m t.png");
+    assert!(
+        opacity.is_none() && notes[0].contains("-imfchan m"),
+        "{notes:?}"
+    );
 }
 
 #[test]
