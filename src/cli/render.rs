@@ -72,8 +72,8 @@ pub(crate) struct MeshFlags {
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct CameraFlags {
     /// The image size that the intrinsics are for, where the files have none; by default, where the
-    /// files have a principal point, the size of the image asked for or, view by view, given if that goes
-    /// with it, else twice the principal point
+    /// files are cams, the size of the image asked for or, view by view, given if that goes
+    /// with the principal point, else twice that; of a transforms.json, the photographs' (generate)
     #[arg(long = "camera-size", value_name = "WxH")]
     #[serde(rename = "size")]
     camera_size: Option<Size>,

@@ -53,14 +53,17 @@ pub fn read(
 
 /// Reads the cameras at `path` for images of the sizes that `images` gives, one for each view.
 ///
-/// Without `options.size` the sizes that cams are for are as [`of_images`] says. Returned are also the
-/// images' sizes.
+/// Without `options.size` the sizes that cams are for are as [`of_images`] says, and a `transforms.json` that states
+/// no size is for its images'. Returned are also the images' sizes.
 pub(super) fn read_for(
     path: &Path,
     (pixel_centre, options): (PixelCentre, &CameraOptions),
     images: impl FnOnce(&[View]) -> Result<Vec<Size>>,
     context: &Context<'_>,
 ) -> Result<(Scene, Vec<Size>)> {
+    if options.size.is_none() && cameras::left_open(path)?.size {
+        return read_at_images(path, (pixel_centre, options), images, context);
+    }
     let read = read_files(path, pixel_centre, options)?;
     let images = images(read.scene.views())?;
     let sizes = match lack_sizes(&read, options) {
@@ -70,6 +73,42 @@ pub(super) fn read_for(
     warn_of_far(read.scene.views(), &sizes, context);
     Ok((finished(read, &sizes, context)?, images))
 }
+
+/// Reads a `transforms.json` that states no image size as being for its images'.
+fn read_at_images(
+    path: &Path,
+    (pixel_centre, options): (PixelCentre, &CameraOptions),
+    images: impl FnOnce(&[View]) -> Result<Vec<Size>>,
+    context: &Context<'_>,
+) -> Result<(Scene, Vec<Size>)> {
+    let at = |size: Size| {
+        let size = Some(size);
+        read_files(path, pixel_centre, &CameraOptions { size, ..*options })
+    };
+    // At any size the views have their names, by which their images are found.
+    let nominal = at(NOMINAL)?;
+    let images = images(nominal.scene.views())?;
+    let size = images.first().copied().unwrap_or(NOMINAL);
+    if let Some(other) = images.iter().find(|other| **other != size) {
+        let problem = format!(
+            "expected w and h in the file, or photographs of one size, found neither, but {size} and {other}: \
+             give --camera-size"
+        );
+        return Err(mvs_datasets::Error::layout(&nominal.path, problem).into());
+    }
+    let message = format!(
+        "the cameras state no image size (w, h): they are taken to be for {size}, the photographs' size; if that is \
+         wrong, give --camera-size"
+    );
+    context.warnings.add("camera-size", message);
+    Ok((finished(at(size)?, &[], context)?, images))
+}
+
+/// An image size that stands for one that is not known.
+pub(super) const NOMINAL: Size = Size {
+    width: 1,
+    height: 1,
+};
 
 fn lack_sizes(read: &ReadCameras, options: &CameraOptions) -> bool {
     options.size.is_none() && read.source == CameraSource::Cams

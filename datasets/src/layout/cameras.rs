@@ -160,6 +160,37 @@ pub fn source_files(path: &Path) -> Result<Option<(CameraSource, Vec<PathBuf>)>>
     Ok(Some((source, there.collect())))
 }
 
+/// Whether views of a `transforms.json` have no image size and no focal length, neither in pixels nor as an angle of
+/// view: [`read_scene`] needs what is not there as an option. Of other cameras neither is said.
+///
+/// # Errors
+/// As [`source_files`], and a `transforms.json` that cannot be read.
+pub fn left_open(path: &Path) -> Result<LeftOpen> {
+    match candidates(path)?.first() {
+        Some((CameraSource::Transforms, path)) => {
+            let (frames, _) = files::read_text_with(path, transforms::read)?;
+            Ok(LeftOpen {
+                size: frames.iter().any(|frame| frame.size.is_none()),
+                focal: !frames.iter().all(has_focal),
+            })
+        }
+        _ => Ok(LeftOpen::default()),
+    }
+}
+
+/// What some frames of a `transforms.json` do not say.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LeftOpen {
+    /// The size of their images.
+    pub size: bool,
+    /// Focal lengths, neither in pixels nor as angles of view.
+    pub focal: bool,
+}
+
+fn has_focal(frame: &Frame) -> bool {
+    frame.focal.is_some() || frame.angles[0].is_some()
+}
+
 /// Everything at `path` that looks like cameras, in order of preference.
 fn candidates(path: &Path) -> Result<Vec<(CameraSource, PathBuf)>> {
     if !path.exists() {
@@ -223,7 +254,6 @@ fn read_colmap(
 fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<(Scene, Vec<String>)> {
     let (frames, mut notes) = files::read_text_with(path, transforms::read)?;
     let has_size = frames.iter().all(|frame| frame.size.is_some());
-    let has_focal = |frame: &Frame| frame.focal.is_some() || frame.angles[0].is_some();
     let has_focal = frames.iter().all(has_focal);
     let has_center = frames.iter().all(|frame| frame.center.is_some());
     let own = [has_size, has_focal, has_center];
@@ -245,7 +275,8 @@ fn read_transforms(path: &Path, options: &CamerasOptions) -> Result<(Scene, Vec<
 
 fn frame_view(frame: &Frame, id: u32, options: &CamerasOptions) -> Result<View> {
     let Some((width, height)) = frame.size.or(options.size) else {
-        let problem = "expected w and h in the file, found none: give the image size";
+        let problem =
+            "expected w and h in the file, found none: give --camera-size, the images' size";
         return Err(Error::invalid("camera", problem));
     };
     let from_angle = |side: u32, angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
@@ -261,7 +292,7 @@ fn frame_view(frame: &Frame, id: u32, options: &CamerasOptions) -> Result<View> 
         .or(options.focal);
     let Some(focal) = focal else {
         let problem =
-            "expected fl_x or camera_angle_x in the file, found none: give the focal length";
+            "expected fl_x or camera_angle_x in the file, found none: give --focal, in pixels";
         return Err(Error::invalid("camera", problem));
     };
     let given = frame.center.map(DVec2::from_array).or(options.center);

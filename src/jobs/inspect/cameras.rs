@@ -4,11 +4,11 @@ use super::text::{between, box_text, short};
 use super::{Answer, Fact, InspectJob, fact};
 use crate::config::Size;
 use crate::error::Result;
-use crate::jobs::cameras::{INTEGER_CENTRES, are_half_pixel_off, of_images, with_sizes};
+use crate::jobs::cameras::{INTEGER_CENTRES, NOMINAL, are_half_pixel_off, of_images, with_sizes};
 use crate::jobs::fuse::find_image;
 use glam::DVec2;
 use mvs_datasets::format::pfm;
-use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, ReadCameras};
+use mvs_datasets::layout::cameras::{self, CameraSource, CamerasOptions, LeftOpen, ReadCameras};
 use mvs_datasets::layout::{files, mvsnet};
 use mvs_datasets::scene::{Aabb, Distortion, Scene, View};
 use std::collections::BTreeSet;
@@ -16,11 +16,17 @@ use std::path::{Path, PathBuf};
 
 /// What the folder or file of cameras holds.
 pub(super) fn inspect(job: &InspectJob) -> Answer {
+    let open = cameras::left_open(&job.path)?;
     let options = CamerasOptions {
         pixel_centre: job.pixel_center,
+        size: open.size.then_some((NOMINAL.width, NOMINAL.height)),
+        focal: open.focal.then_some(DVec2::ONE),
         ..CamerasOptions::default()
     };
     let read = cameras::inspect_scene(&job.path, &options)?;
+    if open != LeftOpen::default() {
+        return Ok((source_name(read.source), open_facts(read, open)));
+    }
     if read.source == CameraSource::Cams {
         return inspect_cams(job, read);
     }
@@ -141,6 +147,30 @@ fn camera_facts(read: ReadCameras) -> Vec<Fact> {
     facts
 }
 
+/// What is known of cameras without an image size or a focal length, which they were read with stand-ins for.
+fn open_facts(read: ReadCameras, open: LeftOpen) -> Vec<Fact> {
+    let views = read.scene.views();
+    let mut facts = vec![fact("read from", read.path.display().to_string())];
+    facts.push(fact("views", views.len().to_string()));
+    facts.extend(names_text(views).map(|names| fact("image names", names)));
+    facts.push(fact("camera centres", centers_text(views)));
+    let size = "no image size (w, h): give --camera-size where cameras are asked for, but to generate, which takes the \
+                photographs'";
+    let focal =
+        "no focal length (fl_x or camera_angle_x): give --focal where cameras are asked for";
+    let lacking = [(open.size, size), (open.focal, focal)];
+    let lacking = lacking.into_iter().filter(|(lacks, _)| *lacks);
+    facts.extend(lacking.map(|(_, text)| fact("note", text)));
+    facts.extend(read.notes.into_iter().map(|note| fact("note", note)));
+    facts
+}
+
+fn centers_text(views: &[View]) -> String {
+    box_text(Aabb::around(
+        views.iter().map(|view| view.pose.center_in_world()),
+    ))
+}
+
 /// Names that one line shows.
 const NAMES: usize = 20;
 
@@ -173,8 +203,7 @@ fn scene_facts(scene: &Scene) -> Vec<Fact> {
     }
     facts.extend(names_text(views).map(|names| fact("image names", names)));
     facts.push(fact("lens", lens_text(views)));
-    let centers = Aabb::around(views.iter().map(|view| view.pose.center_in_world()));
-    facts.push(fact("camera centres", box_text(centers)));
+    facts.push(fact("camera centres", centers_text(views)));
     let ranges: Vec<_> = views.iter().filter_map(|view| view.depth_range).collect();
     let min = ranges.iter().map(|range| range.min()).reduce(f64::min);
     let max = ranges.iter().map(|range| range.max()).reduce(f64::max);

@@ -89,3 +89,60 @@ fn cams_beside_depth_maps_are_for_their_size() {
     assert!(said.contains("--pixel-center integer"), "{said}");
     assert!(!said.contains("do not go with"), "{said}");
 }
+
+/// NeRF's own form: an angle of view and no image size. Wide enough that 40 pixels have a focal length of 40.
+#[test]
+fn transforms_without_an_image_size_are_for_their_photographs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let frame = |id: usize| {
+        let x = 0.1 * id as f64;
+        format!(
+            "{{\"file_path\": \"./train/r_{id}\", \"transform_matrix\": \
+             [[1,0,0,{x}],[0,-1,0,0],[0,0,-1,0],[0,0,0,1]]}}"
+        )
+    };
+    let frames: Vec<String> = (0..3).map(frame).collect();
+    let put = |angle: &str| {
+        let json = format!("{{{angle}\"frames\": [{}]}}", frames.join(","));
+        write(&path("transforms.json"), &json);
+    };
+    put("");
+    let output = mvs_eval(&["inspect", text(folder.path())]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    for part in ["0 = train/r_0", "--camera-size", "--focal"] {
+        assert!(said.contains(part), "{said}");
+    }
+    put("\"camera_angle_x\": 0.9272952180016122, ");
+    let output = mvs_eval(&["inspect", text(folder.path())]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        said.contains("--camera-size") && !said.contains("--focal"),
+        "{said}"
+    );
+    write(&path("mesh.obj"), TRIANGLE);
+    let (mesh, photos, out) = (path("mesh.obj"), path("train"), path("out"));
+    let render = render_arguments(&mesh, folder.path(), &out);
+    assert_refused(&render, &["transforms.json", "--camera-size"]);
+    for id in 0..3 {
+        halves(
+            &photos.join(format!("r_{id}.png")),
+            (40, 30),
+            [[9; 3], [90; 3]],
+        );
+    }
+    let generate = [&["generate", "--photos", text(&photos)][..], &render[1..]].concat();
+    let output = mvs_eval(&generate);
+    let said = stderr(&output);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("40x30, the photographs' size"), "{said}");
+    let cam = std::fs::read_to_string(out.join("cams/00000000_cam.txt")).unwrap();
+    assert!(
+        cam.contains("40.0 0.0 20.0") || cam.contains("40 0 20"),
+        "{cam}"
+    );
+    halves(&photos.join("r_2.png"), (80, 60), [[9; 3], [90; 3]]);
+    let again = [&generate[..], &["--force"]].concat();
+    assert_refused(&again, &["40x30 and 80x60", "--camera-size"]);
+}
