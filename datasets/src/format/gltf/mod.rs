@@ -200,8 +200,16 @@ impl<'d> Reader<'d> {
         let Some(mesh) = node.mesh else {
             return Ok(());
         };
+        // glTF 2.0, section 3.7.3.3: the transform of a skinned mesh's node counts for nothing.
+        let matrix = match node.skin {
+            Some(_) => DMat4::IDENTITY,
+            None => matrix,
+        };
         if node.skin.is_some() {
-            self.note("skins are left out: skinned meshes are shown in their rest shape");
+            self.note(
+                "skins are left out: skinned meshes are shown where their vertices lie in the file, moved neither by \
+                 joints nor, as glTF has it, by their nodes",
+            );
         }
         let list = document.root.meshes.get(mesh);
         let list = list.ok_or_else(|| format!("expected mesh {mesh}, found none"))?;

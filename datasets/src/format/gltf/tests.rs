@@ -250,6 +250,20 @@ fn what_is_passed_over_is_said() {
         triangles == 2 && said[0].contains("all its nodes are shown"),
         "{said:?}"
     );
+    // A skinned mesh lies where its vertices do, whatever the transform of its node.
+    let node = r#""nodes": [{"mesh": 0"#;
+    let skinned = format!(r#"{node}, "skin": 0, "scale": [0.1, 0.1, -0.1]"#);
+    let file = read(&SQUARE.replacen(node, &skinned, 1)).unwrap();
+    let plain = read(SQUARE).unwrap();
+    assert_eq!(
+        (file.vertices, file.triangles),
+        (plain.vertices, plain.triangles)
+    );
+    let said = file.notes;
+    assert!(
+        said.len() == 1 && said[0].contains("by their nodes"),
+        "{said:?}"
+    );
 }
 
 /// Ten vertices and corners each.
