@@ -76,6 +76,8 @@ pub(super) struct Understood {
     pub(super) material: GltfMaterial,
     pub(super) notes: Vec<&'static str>,
     pub(super) is_absent: bool,
+    /// Whether it gives off light, which is left out.
+    pub(super) shines: bool,
 }
 
 pub(super) fn material_of(document: &Document<'_>, index: usize) -> Result<Understood, String> {
@@ -103,6 +105,8 @@ pub(super) fn material_of(document: &Document<'_>, index: usize) -> Result<Under
         _ => None,
     };
     Ok(Understood {
+        // Without a factor a texture of it gives off nothing.
+        shines: wire.emissive_factor.iter().any(|&part| part > 0.0),
         is_absent: cutoff.is_some_and(|cutoff| cutoff.is_nan() || cutoff > 1.0),
         material: GltfMaterial {
             name: wire.name.clone(),

@@ -18,7 +18,7 @@ use materials::material_of;
 pub use materials::{GltfMaterial, GltfTexture};
 use nodes::{MOST_INSTANCED, check_instances, placed_nodes};
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use wire::{Primitive, Root};
 
 /// A glTF's triangles in its own frame: right-handed, +Y up, metres.
@@ -159,6 +159,8 @@ struct Reader<'d> {
     plain: Vec<[u8; 3]>,
     /// Where each (material, with texture coordinates, with colours) stands in the file's list.
     slots: BTreeMap<(Option<usize>, bool, bool), u32>,
+    /// Materials that give off light.
+    shining: BTreeSet<usize>,
 }
 
 /// The columns of a primitive.
@@ -179,6 +181,7 @@ impl<'d> Reader<'d> {
             colors: Vec::new(),
             plain: Vec::new(),
             slots: BTreeMap::new(),
+            shining: BTreeSet::new(),
         }
     }
 
@@ -248,6 +251,7 @@ impl<'d> Reader<'d> {
             self.note("what a mask's constant opacity hides altogether is left out");
             return Ok(());
         }
+        self.shining.extend(index.filter(|_| material.shines));
         let set = material
             .material
             .texture
@@ -412,11 +416,25 @@ impl<'d> Reader<'d> {
         Ok(slot)
     }
 
+    /// Says so where materials give off light.
+    fn note_shining(&mut self) {
+        let materials = &self.document.root.materials;
+        let mut names = self.shining.iter().map(|&index| &materials[index].name);
+        if let Some(first) = names.next() {
+            let count = self.shining.len();
+            self.note(&format!(
+                "{count} materials give off light (emissiveFactor, emissiveTexture), which is left out: they show \
+                 their base colors alone; the first is {first:?}"
+            ));
+        }
+    }
+
     fn finish(mut self) -> Result<GltfFile, FormatError> {
         if self.file.triangles.is_empty() {
             let problem = "expected triangles in the scene, found none";
             return Err(FormatError::new("scene", problem));
         }
+        self.note_shining();
         if !self.colors.is_empty() {
             self.colors.resize(self.file.vertices.len(), None);
             let colors = self.colors.iter().zip(&self.plain);

@@ -250,6 +250,17 @@ fn what_is_passed_over_is_said() {
         triangles == 2 && said[0].contains("all its nodes are shown"),
         "{said:?}"
     );
+    let material = r#""materials": [{"#;
+    let shining = |factor: &str| {
+        let more = format!(r#"{material}"name": "lamp", "emissiveFactor": {factor}, "#);
+        notes(material, &more).1
+    };
+    let said = shining("[0, 0.5, 0]");
+    assert!(
+        said.len() == 1 && said[0].contains("emissiveTexture") && said[0].contains("\"lamp\""),
+        "{said:?}"
+    );
+    assert!(shining("[0, 0, 0]").is_empty());
     // A skinned mesh lies where its vertices do, whatever the transform of its node.
     let node = r#""nodes": [{"mesh": 0"#;
     let skinned = format!(r#"{node}, "skin": 0, "scale": [0.1, 0.1, -0.1]"#);

@@ -98,6 +98,7 @@ pub(super) struct Buffer {
 pub(super) struct Material {
     pub(super) name: String,
     pub(super) pbr_metallic_roughness: Surface,
+    pub(super) emissive_factor: [f64; 3],
     pub(super) alpha_mode: Option<String>,
     pub(super) alpha_cutoff: Option<f64>,
     pub(super) double_sided: bool,
