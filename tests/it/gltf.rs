@@ -232,6 +232,25 @@ fn factors_and_vertex_colours_multiply_textures_in_linear_light() {
 }
 
 #[test]
+fn a_factor_counts_beside_vertex_colours_where_its_texture_is_missing_or_broken() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut builder = Builder::new();
+    let images = [json!({"uri": "gone.png"}), builder.embedded(b"no image")];
+    for (image, x) in images.into_iter().zip([-1.5, -0.5]) {
+        let material = builder.material([0.5, 1.0, 0.0, 1.0], Some(image), json!({}));
+        builder.square([x, 0.0, 2.0], material, Some([255, 128, 255, 255]));
+    }
+    let path = folder.path().join("m.glb");
+    builder.put_glb(&path);
+    let loaded = read_meshes(std::slice::from_ref(&path)).unwrap();
+    assert_eq!(loaded.notes.len(), 2, "{:?}", loaded.notes);
+    let rendering = look(&loaded);
+    for x in [5, 15] {
+        assert_eq!(rendering.color.get(x, 6), [188, 188, 0], "at {x}");
+    }
+}
+
+#[test]
 fn vertex_colours_without_a_texture_are_mixed_in_linear_light_too() {
     let folder = tempfile::tempdir().unwrap();
     let mut builder = Builder::new();

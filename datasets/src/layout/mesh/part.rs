@@ -3,16 +3,17 @@
 use super::extension_of;
 use super::paint::Surface;
 use crate::error::{Error, Result};
-use crate::format::gltf::{self, GltfFile, GltfImage};
+use crate::format::gltf::{self, GltfFile, GltfImage, GltfMaterial};
 use crate::format::obj::{ObjFile, read_obj_with};
 use crate::format::ply::{PlyMesh, read_mesh};
 use crate::layout::files::read_with;
 use crate::layout::materials::{self, Draft, Library};
 use crate::layout::textures::Use;
-use crate::scene::{Corner, Material, Mesh, are_finite};
+use crate::scene::{ColorImage, Corner, Material, Mesh, are_finite};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A mesh whose materials still lack their textures.
 pub(super) struct Part {
@@ -43,10 +44,13 @@ fn untexture(coords: &[Corner], drafts: &mut Vec<Draft>, slots: &mut [u32]) -> u
     let both = coords.iter().zip(slots);
     for (_, slot) in both.filter(|(corners, _)| !are_finite(corners)) {
         let draft = &drafts[*slot as usize];
-        if draft.texture.is_none() && draft.opacity.is_none() {
+        if draft.texture.is_none() && draft.opacity.is_none() && draft.material.texture.is_none() {
             continue;
         }
-        let color = Draft::from(draft.material.clone());
+        let color = Draft::from(Material {
+            texture: None,
+            ..draft.material.clone()
+        });
         let number = plain.entry(*slot).or_insert_with(|| {
             drafts.push(color);
             u32::try_from(drafts.len() - 1).unwrap_or(u32::MAX)
@@ -125,11 +129,13 @@ fn gltf_part(
                 color: material.color,
                 tinted: material.tinted,
                 double_sided: material.double_sided,
+                texture: stand_in(material),
                 ..Material::default()
             },
         });
     }
-    let textured = drafts.iter().any(|draft| draft.texture.is_some());
+    let has_texture = |draft: &Draft| draft.texture.is_some() || draft.material.texture.is_some();
+    let textured = drafts.iter().any(has_texture);
     let mut slots = file.triangle_materials;
     let odd = untexture(&file.texture_coords, &mut drafts, &mut slots);
     if odd > 0 {
@@ -149,6 +155,13 @@ fn gltf_part(
         Part::new(mesh, drafts, Some(slots))
     };
     build().map_err(|error| Error::layout(path, error.to_string()))
+}
+
+/// What a texture that cannot be read leaves of a material whose vertices have colours: those times its factor.
+fn stand_in(material: &GltfMaterial) -> Option<Arc<ColorImage>> {
+    let multiplies = material.tinted && material.texture.is_some() && material.color != [255; 3];
+    let pixel = multiplies.then(|| ColorImage::filled(1, 1, material.color));
+    pixel?.ok().map(Arc::new)
 }
 
 fn obj_part(path: &Path, file: ObjFile, library: &mut Library) -> Result<Part> {
