@@ -4,7 +4,10 @@ use glam::{DVec2, DVec3};
 use std::cmp::Ordering;
 
 /// Corners up to which a concave polygon is cut properly; beyond, it becomes a fan.
-const MOST_CORNERS: usize = 1024;
+const MOST_CORNERS: usize = 1 << 14;
+
+/// Looks at corners after which what is left of a polygon becomes a fan: a second or so.
+const MOST_LOOKS: usize = 1 << 30;
 
 /// Triangles, as indices into `corners`, that fill a polygon without crossing its outline: of a convex one with
 /// four corners the halves beside its shorter diagonal (as tinyobjloader has it), of one with more a fan, else
@@ -87,8 +90,14 @@ fn cut(corners: &[DVec3]) -> Vec<[usize; 3]> {
     }
     let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
     if corners.len() <= MOST_CORNERS {
-        while left.len() > 3 && !is_convex(&flat, &left) {
-            let Some(tip) = (0..left.len()).find(|&tip| is_ear(&flat, &left, tip)) else {
+        let mut looks = 0;
+        while left.len() > 3 && looks < MOST_LOOKS && !is_convex(&flat, &left) {
+            let is_ear = |&tip: &usize| {
+                let turns = turn(&flat, around(&left, tip)) > 0.0;
+                looks += if turns { left.len() } else { 1 };
+                turns && is_empty(&flat, &left, tip)
+            };
+            let Some(tip) = (0..left.len()).find(is_ear) else {
                 break;
             };
             triangles.push(around(&left, tip));
@@ -136,8 +145,8 @@ fn is_convex(flat: &[DVec2], left: &[usize]) -> bool {
         && (2..left.len()).all(|i| turn(flat, [left[0], left[i - 1], left[i]]) >= 0.0)
 }
 
-/// Whether the triangle at `tip` turns left and holds no other corner.
-fn is_ear(flat: &[DVec2], left: &[usize], tip: usize) -> bool {
+/// Whether the triangle at `tip` holds no other corner.
+fn is_empty(flat: &[DVec2], left: &[usize], tip: usize) -> bool {
     let [a, b, c] = around(left, tip);
     let inside = |other: usize| {
         let distinct = [a, b, c].iter().all(|&own| flat[own] != flat[other]);
@@ -146,7 +155,7 @@ fn is_ear(flat: &[DVec2], left: &[usize], tip: usize) -> bool {
             && turn(flat, [b, c, other]) >= 0.0
             && turn(flat, [c, a, other]) >= 0.0
     };
-    turn(flat, [a, b, c]) > 0.0 && !left.iter().any(|&other| inside(other))
+    !left.iter().any(|&other| inside(other))
 }
 
 #[cfg(test)]
@@ -289,11 +298,28 @@ mod tests {
     }
 
     #[test]
+    fn an_outline_of_thousands_of_corners_keeps_its_area() {
+        let count = 4000;
+        let corner = |index: usize| {
+            let angle = std::f64::consts::TAU * index as f64 / count as f64;
+            let radius = 0.75 + 0.25 * (5.0 * angle).cos();
+            DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.0)
+        };
+        let corners: Vec<DVec3> = (0..count).map(corner).collect();
+        let next = corners.iter().cycle().skip(1);
+        let twice: f64 = corners.iter().zip(next).map(|(a, b)| a.cross(*b).z).sum();
+        let found = area(&corners, &triangulate(&corners));
+        assert!((found - 0.5 * twice).abs() < 1e-9, "{found}");
+    }
+
+    #[test]
     fn nonsense_outlines_still_end() {
         let crossed = lifted(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (2.0, 5.0)]);
         assert_eq!(triangulate(&crossed).len(), 3);
         assert_eq!(triangulate(&[DVec3::ONE; 6]).len(), 4);
         let winding: Vec<DVec3> = (0..5000).map(|i| crossed[i % 5]).collect();
         assert_eq!(triangulate(&winding).len(), 4998);
+        let many: Vec<DVec3> = (0..50_000).map(|i| crossed[i % 5]).collect();
+        assert_eq!(triangulate(&many).len(), 49_998);
     }
 }

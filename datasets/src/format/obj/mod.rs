@@ -26,7 +26,7 @@ pub struct ObjFile {
     /// 8-bit sRGB of each vertex that has a colour, if any has: numbers up to 1 are fractions, else all of the file
     /// count up to 255.
     pub vertex_colors: Option<Vec<Option<[u8; 3]>>>,
-    /// Polygons are cut into triangles; concave ones properly.
+    /// Polygons are cut into triangles; concave ones of up to 16384 corners properly.
     pub triangles: Vec<[u32; 3]>,
     /// Texture coordinates of each triangle; zeros where it has none.
     pub texture_coords: Vec<Corner>,

@@ -41,9 +41,9 @@ pub struct ScalarColumn<'a> {
 /// A mesh and what its PLY says about textures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlyMesh {
-    /// Polygons are cut into triangles; concave ones properly. There is one material per texture file, in order and
-    /// of its name; its texture itself is for the caller to read. A last one without a texture is that of
-    /// triangles that have none, where there are such.
+    /// Polygons are cut into triangles; concave ones of up to 16384 corners properly. There is one material per
+    /// texture file, in order and of its name; its texture itself is for the caller to read. A last one without a
+    /// texture is that of triangles that have none, where there are such.
     pub mesh: Mesh,
     /// Triangles of that last material: their texture number is below 0, or they have no texture coordinates.
     pub untextured: usize,
