@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 /// Example: mvs-eval generate --mesh model.obj --cameras cams --photos images --out dataset
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct GenerateArgs {
-    /// Mesh files (.obj with .mtl and textures, .ply, .glb, .gltf), folders of tiles, or quoted patterns
+    /// Mesh files (.obj with .mtl, .ply, .glb, .gltf; textures are PNG or JPEG), folders of tiles, or quoted patterns
     /// like 'tiles/*.obj'; together one scene
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]

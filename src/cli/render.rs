@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// Example: mvs-eval render --mesh model.obj --cameras cams --pixel-center integer --out rendered
 #[derive(Debug, Args, Serialize)]
 pub(crate) struct RenderArgs {
-    /// Mesh files (.obj with .mtl and textures, .ply, .glb, .gltf), folders of tiles, or quoted patterns
+    /// Mesh files (.obj with .mtl, .ply, .glb, .gltf; textures are PNG or JPEG), folders of tiles, or quoted patterns
     /// like 'tiles/*.obj'; together one scene
     #[arg(long, num_args = 1.., value_name = "PATH")]
     #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -203,12 +203,46 @@ fn format_of(bytes: &[u8]) -> Result<ImageFormat, FormatError> {
             "expected a JPEG or PNG, found an empty file",
         )),
         _ => {
-            let start = &bytes[..bytes.len().min(4)];
-            let problem =
-                format!("expected a JPEG or PNG, found a file that starts with {start:02x?}");
+            let found = match other_name(bytes) {
+                Some(name) => format!("a {name}, which is not read: convert it to PNG or JPEG"),
+                None => format!(
+                    "a file that starts with {:02x?}",
+                    &bytes[..bytes.len().min(4)]
+                ),
+            };
+            let problem = format!("expected a JPEG or PNG, found {found}");
             Err(FormatError::new("byte 0", problem))
         }
     }
+}
+
+/// What an image of another format is called, if its first bytes say what it is.
+fn other_name(bytes: &[u8]) -> Option<&'static str> {
+    match ::image::guess_format(bytes) {
+        Ok(ImageFormat::Tiff) => return Some("TIFF"),
+        Ok(ImageFormat::Bmp) => return Some("BMP"),
+        Ok(ImageFormat::WebP) => return Some("WebP"),
+        Ok(ImageFormat::Gif) => return Some("GIF"),
+        Ok(ImageFormat::Dds) => return Some("DDS"),
+        Ok(ImageFormat::OpenExr) => return Some("OpenEXR"),
+        Ok(ImageFormat::Hdr) => return Some("Radiance HDR"),
+        _ => {}
+    }
+    if matches!(
+        bytes.get(4..12),
+        Some(b"ftypheic" | b"ftypheix" | b"ftypmif1")
+    ) {
+        return Some("HEIC");
+    }
+    if bytes.starts_with(b"\xabKTX ") {
+        return Some("KTX");
+    }
+    // A TGA begins with no name, but few bytes may stand where its kind, whether it has a palette and its depth do.
+    let is_tga = bytes.len() > 18
+        && bytes[1] <= 1
+        && matches!(bytes[2], 1..=3 | 9..=11)
+        && matches!(bytes[16], 8 | 15 | 16 | 24 | 32);
+    is_tga.then_some("TGA")
 }
 
 fn undecodable(error: ImageError) -> FormatError {
@@ -340,6 +374,27 @@ mod tests {
     }
 
     #[test]
+    fn images_of_other_formats_are_named() {
+        let mut tga = vec![0u8, 0, 2];
+        tga.resize(16, 0);
+        tga.extend([24, 0, 9, 9, 9]);
+        for (bytes, name) in [
+            (&b"II*\0\x08\0\0\0"[..], "TIFF"),
+            (b"BM\x46\0\0\0\0\0", "BMP"),
+            (b"RIFF\x10\0\0\0WEBPVP8 ", "WebP"),
+            (b"GIF89a\x01\0", "GIF"),
+            (b"\0\0\0\x18ftypheic\0\0", "HEIC"),
+            (&tga, "TGA"),
+        ] {
+            let error = read_size(bytes).unwrap_err().to_string();
+            let said = format!("found a {name}, which is not read: convert it to PNG or JPEG");
+            assert!(error.ends_with(&said), "{error}");
+        }
+        let error = read_size(b"hello").unwrap_err().to_string();
+        assert!(error.contains("starts with [68, 65, 6c, 6c]"), "{error}");
+    }
+
+    #[test]
     fn opacity_is_the_alpha_channel_where_there_is_one() {
         let mut bytes = Vec::new();
         PngEncoder::new(&mut bytes)
@@ -384,8 +439,8 @@ mod tests {
         for (bytes, expected) in [
             (&b""[..], "found an empty file"),
             (
-                b"GIF89a..",
-                "found a file that starts with [47, 49, 46, 38]",
+                b"no image",
+                "found a file that starts with [6e, 6f, 20, 69]",
             ),
             (b"\x00", "found a file that starts with [00]"),
             (&png[..png.len() / 2], "expected a whole JPEG or PNG"),
