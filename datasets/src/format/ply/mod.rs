@@ -76,7 +76,7 @@ pub fn read_summary(bytes: &[u8]) -> Result<PlySummary, FormatError> {
     })
 }
 
-/// Reads the vertices of a PLY: x y z, and where present nx ny nz, red green blue (integers, or
+/// Reads the vertices of a PLY: x y z, and where present nx ny nz, red green blue or r g b (integers, or
 /// floats up to 1 or up to 255), `views`, `confidence`. Names are taken in any case, everything else is skipped;
 /// positions may be NaN, colours that are NaN are black. A file with no vertices gives an empty cloud.
 ///

@@ -42,6 +42,7 @@ pub(super) fn colors(table: &Table<'_>) -> Result<Option<Vec<[u8; 3]>>, FormatEr
     let names = [
         ["red", "green", "blue"],
         ["diffuse_red", "diffuse_green", "diffuse_blue"],
+        ["r", "g", "b"],
     ];
     let Some(columns) = names.into_iter().find_map(|names| table.find(names)) else {
         return Ok(None);

@@ -146,8 +146,15 @@ fn textures_and_colors_of_a_ply_that_do_not_show() {
     let colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
     ply("", "", colors, ("", " 255 0 0"));
     said(folder, "m.ply", &["faces have colors"]);
-    ply("", colors, "", (" 255 0 0", ""));
-    said(folder, "m.ply", &[]);
+    for colors in [
+        colors,
+        "property uchar r\nproperty uchar g\nproperty uchar b\n",
+    ] {
+        ply("", colors, "", (" 255 0 0", ""));
+        said(folder, "m.ply", &[]);
+        let mesh = read_meshes(&[folder.join("m.ply")]).unwrap().mesh;
+        assert_eq!(mesh.vertex_colors(), Some(&[[255, 0, 0]; 3][..]));
+    }
 }
 
 /// Two triangles of a textured PLY: the second has no texture coordinates of its own, or the number of no texture.
