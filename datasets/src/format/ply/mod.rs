@@ -51,6 +51,8 @@ pub struct PlyMesh {
     pub texture_files: Vec<String>,
     /// Whether faces have colours (red green blue), which are not read.
     pub face_colors: bool,
+    /// Triangle strips (`tristrips`), which are not read.
+    pub strips: usize,
 }
 
 /// What a PLY's header promises, e.g. to tell a mesh from a cloud.
@@ -141,6 +143,7 @@ pub fn read_mesh(bytes: &[u8]) -> Result<PlyMesh, FormatError> {
     let (mesh, untextured) = mesh_of(&table, faces, &texture_files)?;
     Ok(PlyMesh {
         face_colors: header.element("face").is_some_and(colored),
+        strips: header.element("tristrips").map_or(0, |strips| strips.count),
         mesh,
         untextured,
         texture_files,

@@ -233,7 +233,14 @@ fn ply_part(path: &Path, file: PlyMesh, library: &mut Library) -> Result<Part> {
         untextured,
         texture_files,
         face_colors,
+        strips,
     } = file;
+    if strips > 0 {
+        let problem = format!(
+            "{strips} triangle strips (tristrips) beside its faces are left out: write all triangles as faces"
+        );
+        library.note(path, problem);
+    }
     if face_colors {
         library.note(
             path,

@@ -157,6 +157,23 @@ fn textures_and_colors_of_a_ply_that_do_not_show() {
     }
 }
 
+#[test]
+fn strips_beside_the_faces_of_a_ply() {
+    let folder = tempfile::tempdir().unwrap();
+    let ply = |count: usize, rows: &str| {
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 1\nproperty list uchar int vertex_index\nelement tristrips {count}\n\
+             property list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n{rows}"
+        );
+        put(folder.path(), "m.ply", &text);
+    };
+    ply(1, "3 0 2 1\n");
+    said(folder.path(), "m.ply", &["1 triangle strips", "left out"]);
+    ply(0, "");
+    said(folder.path(), "m.ply", &[]);
+}
+
 /// Two triangles of a textured PLY: the second has no texture coordinates of its own, or the number of no texture.
 #[test]
 fn triangles_of_a_ply_without_a_texture_show_their_vertices() {
