@@ -17,6 +17,8 @@ pub struct MtlMaterial {
     /// `map_d`, if stated: an image whose opacity says where there is surface. A mesh has one set of coordinates, so
     /// that where `texture` has other options those count.
     pub mask: Option<MtlTexture>,
+    /// Whether it is transparent: `d` below 1.
+    pub transparent: bool,
 }
 
 /// A texture image and how it lies on the surface: `image = coordinate · scale + offset`.
@@ -32,6 +34,8 @@ pub struct MtlTexture {
     pub clamped: bool,
     /// Option `-imfchan`: the one channel that counts; `None` where it is not given or names none of these.
     pub channel: Option<Channel>,
+    /// Option `-mm`: what is added to its values, and then multiplied with them; 0 and 1 by default.
+    pub levels: [f32; 2],
 }
 
 /// Reads all materials in order. Statements before the first `newmtl` and unknown ones are skipped.
@@ -52,6 +56,7 @@ pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
                 color: None,
                 texture: None,
                 mask: None,
+                transparent: false,
             });
         }
         let Some(material) = materials.last_mut() else {
@@ -60,6 +65,7 @@ pub fn read_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>, FormatError> {
         match keyword.as_slice() {
             b"kd" => material.color = read_color(&line, number)?,
             b"map_kd" => material.texture = read_texture(&rest_of_line(&line)),
+            b"d" => material.transparent = last_number(&line).is_some_and(|opacity| opacity < 1.0),
             b"map_d" => material.mask = read_texture(&rest_of_line(&line)),
             _ => {}
         }
@@ -106,6 +112,7 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
         offset: Vec2::ZERO,
         clamped: false,
         channel: None,
+        levels: [0.0, 1.0],
     };
     let mut rest = text.trim();
     while let Some(option) = rest.strip_prefix('-') {
@@ -125,6 +132,11 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
             _ => {}
         }
         let (values, after) = arguments(after, most);
+        if name == "mm" {
+            for (level, value) in texture.levels.iter_mut().zip(&values) {
+                *level = *value;
+            }
+        }
         let target = match name.as_str() {
             "s" => Some(&mut texture.scale),
             "o" => Some(&mut texture.offset),
@@ -138,6 +150,14 @@ fn read_texture(text: &str) -> Option<MtlTexture> {
     }
     texture.file = rest.to_owned();
     (!rest.is_empty()).then_some(texture)
+}
+
+/// The last number of a line such as `d 0.5` or `d -halo 0.5`.
+fn last_number(line: &[u8]) -> Option<f64> {
+    let words = fields(line)
+        .skip(1)
+        .filter_map(|word| str::from_utf8(word).ok());
+    words.filter_map(|word| word.parse().ok()).last()
 }
 
 /// The channel that `-imfchan` names.
@@ -277,12 +297,31 @@ mod tests {
                     offset,
                     clamped: line.contains("-clamp on"),
                     channel: None,
+                    levels: [0.0, 1.0],
                 },
                 "{line}"
             );
         }
         assert_eq!(only("newmtl m\nmap_Kd -s 1 1").texture.unwrap().file, "1");
         assert_eq!(only("newmtl m\nmap_Kd").texture, None);
+    }
+
+    #[test]
+    fn opacity_and_levels_are_read() {
+        for (line, transparent) in [
+            ("d 0", true),
+            ("d -halo 0.5", true),
+            ("d 1.000", false),
+            ("d", false),
+            ("Tr 1", false),
+        ] {
+            let material = only(&format!("newmtl m\n{line}"));
+            assert_eq!(material.transparent, transparent, "{line}");
+        }
+        let levels = |line: &str| only(&format!("newmtl m\n{line}")).texture.unwrap().levels;
+        assert_eq!(levels("map_Kd -mm 0.25 2 a.png"), [0.25, 2.0]);
+        assert_eq!(levels("map_Kd -mm 0.25 a.png"), [0.25, 1.0]);
+        assert_eq!(levels("map_Kd a.png"), [0.0, 1.0]);
     }
 
     #[test]

@@ -145,6 +145,12 @@ impl Library {
             return (draft, placement);
         };
         draft.material.color = stated.color.unwrap_or(draft.material.color);
+        if stated.transparent {
+            self.note(
+                library,
+                "transparent materials (d below 1) are shown opaque",
+            );
+        }
         if (stated.texture.is_some() || stated.mask.is_some()) && !used.textured {
             let name = &used.name;
             self.note(
@@ -161,6 +167,15 @@ impl Library {
                     format!(
                         "the texture of material {name:?} is to be clamped (-clamp on), but is repeated where \
                          coordinates go beyond it"
+                    ),
+                );
+            }
+            if texture.levels != [0.0, 1.0] {
+                let name = &used.name;
+                self.note(
+                    library,
+                    format!(
+                        "the texture of material {name:?} is shown without its -mm (base and gain)"
                     ),
                 );
             }
@@ -389,6 +404,7 @@ mod tests {
                 color: None,
                 texture: None,
                 mask: None,
+                transparent: false,
             };
             let entry = |name: &&str| ((*name).to_owned(), (material(name), PathBuf::new()));
             names.iter().map(entry).collect()

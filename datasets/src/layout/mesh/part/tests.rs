@@ -46,6 +46,10 @@ fn options_of_textures_that_are_not_followed() {
         ),
         ("map_Kd -s 2 2 t.png\nmap_d -s 2 2 t.png", &[]),
         ("map_d -s 2 2 t.png", &[]),
+        ("map_Kd -mm 0 1 t.png", &[]),
+        ("map_Kd -mm 0.1 1 t.png", &["material \"a\"", "-mm"]),
+        ("d 1\nmap_Kd t.png", &[]),
+        ("d 0\nmap_Kd t.png", &["m.mtl", "d below 1"]),
     ] {
         put(folder, "m.mtl", &format!("newmtl a\n{maps}\n"));
         said(folder, "m.obj", parts);
