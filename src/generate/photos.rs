@@ -34,7 +34,8 @@ pub trait Photographs: Sync {
     }
 }
 
-/// Photographs in a folder: the file of the view's name; else one of that name with another ending, or, where
+/// Photographs in a folder: the file of the view's name, or of what stands in it behind the folder's own name
+/// (`cam0/1.png` of `images/cam0/1.png` in `images`); else one of that name with another ending, or, where
 /// the name has no image's ending, with one after it; else the same without the name's folder, which is looked for
 /// only where no view's photograph lies in such a folder, so that none is taken from another's. Where no view's
 /// photograph has its name, and for views without a name, the file of the view's eight-digit id.
@@ -144,7 +145,8 @@ struct Places {
 impl Places {
     fn of(folder: &Path, views: &[View]) -> Result<Self> {
         let (mut nested, mut named) = (false, false);
-        for view in views.iter().filter(|view| !folder_of(view).is_empty()) {
+        let inner = |view: &&View| !folder_of(&below(folder, &view.name)).is_empty();
+        for view in views.iter().filter(inner) {
             nested = nested || find_named(folder, &view.name, true)?.is_some();
         }
         for view in views.iter().filter(|view| !view.name.is_empty()) {
@@ -154,7 +156,7 @@ impl Places {
     }
 
     fn find(&self, folder: &Path, view: &View) -> Result<Option<PathBuf>> {
-        let nested = self.nested && !folder_of(view).is_empty();
+        let nested = self.nested && !folder_of(&view.name).is_empty();
         match find_named(folder, &view.name, nested)? {
             None if view.name.is_empty() || !self.named => {
                 with_ending(folder, &format!("{:08}", view.id))
@@ -178,18 +180,20 @@ impl Places {
 /// The photograph of that name; else one of it with another ending, and, where folders are not `nested`, the same
 /// without the name's folder.
 pub(crate) fn find_named(folder: &Path, name: &str, nested: bool) -> Result<Option<PathBuf>> {
-    // Some programs on Windows write `\\` between folders.
-    let slashed = name.replace('\\', "/");
-    for name in [name, &slashed].into_iter().filter(|name| !name.is_empty()) {
+    let slashed = slashed(name);
+    let below = below(folder, name);
+    let names = [name, &slashed, &below];
+    for name in names.into_iter().filter(|name| !name.is_empty()) {
         let named = folder.join(name);
         if is_file(&named)? {
             return Ok(Some(named));
         }
     }
-    let name = slashed.as_str();
-    let inner = name.rsplit_once('/').map_or("", |(inner, _)| inner);
-    let stems = stems_of(Path::new(name));
-    let inside = stems.iter().map(|stem| Path::new(inner).join(stem));
+    let stems = stems_of(Path::new(&slashed));
+    let inside = [&slashed, &below].into_iter().flat_map(|name| {
+        let inner = Path::new(folder_of(name));
+        stems.iter().map(|stem| inner.join(stem))
+    });
     let beside = stems.iter().map(PathBuf::from).filter(|_| !nested);
     for stem in inside.chain(beside) {
         if let Some(path) = with_ending(folder, &stem.display().to_string())? {
@@ -235,10 +239,29 @@ fn of_another_ending(path: &Path) -> Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// `a` of a view named `a/b.jpg` or `a\b.jpg`, else nothing.
-fn folder_of(view: &View) -> &str {
-    let split = view.name.rsplit_once(['/', '\\']);
+/// `a` of `a/b.jpg` or `a\b.jpg`, else nothing.
+fn folder_of(name: &str) -> &str {
+    let split = name.rsplit_once(['/', '\\']);
     split.map_or("", |(folder, _)| folder)
+}
+
+/// Some programs on Windows write `\` between folders.
+fn slashed(name: &str) -> String {
+    name.replace('\\', "/")
+}
+
+/// What stands in a name behind the folder's own, as `transforms.json` has names from the folder above; else all.
+fn below(folder: &Path, name: &str) -> String {
+    let name = slashed(name);
+    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
+    let own = folder.file_name().unwrap_or_default().to_string_lossy();
+    let mut parts = name.split('/');
+    let is_there = parts.by_ref().any(|part| part == own);
+    let rest: Vec<&str> = parts.collect();
+    match is_there && !rest.is_empty() {
+        true => rest.join("/"),
+        false => name,
+    }
 }
 
 fn is_file(path: &Path) -> Result<bool> {
@@ -387,6 +410,38 @@ mod tests {
         let photos = PhotoFolder::open(folder.path(), &views).unwrap();
         let found = names[..4].iter().map(|name| folder.path().join(name));
         assert!(photos.files().eq(found), "{:?}", photos.paths);
+    }
+
+    #[test]
+    fn names_that_begin_with_the_photographs_folder_are_found_in_it() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("images");
+        let names = ["cam0/0001.png", "cam1/0001.JPG", "0002.png"];
+        for name in names {
+            touch(&folder.join(name));
+        }
+        let expected = names.map(|name| folder.join(name));
+        for views in [
+            [
+                "images/cam0/0001.png",
+                "images/cam1/0001.png",
+                "images/0002",
+            ],
+            [
+                "../images/cam0/0001",
+                "images\\cam1\\0001.JPG",
+                "./images/0002.png",
+            ],
+        ] {
+            let views: Vec<View> = (0..).zip(views).map(|(id, name)| view(id, name)).collect();
+            let photos = PhotoFolder::open(&folder, &views).unwrap();
+            assert!(photos.files().eq(&expected), "{:?}", photos.paths);
+            // From the folder above as well.
+            if views[0].name.starts_with("images") {
+                let photos = PhotoFolder::open(root.path(), &views).unwrap();
+                assert!(photos.files().eq(&expected), "{:?}", photos.paths);
+            }
+        }
     }
 
     #[test]
