@@ -84,11 +84,18 @@ impl PhotoFolder {
             paths.insert(view.id, path);
         }
         if let Some(first) = missing.first() {
+            let other = of_other_format(folder, &first.name)?.map(|other| {
+                format!(
+                    "; {} is no JPEG or PNG: convert such photographs",
+                    other.display()
+                )
+            });
             let problem = format!(
-                "expected a photograph of each view, found none of {} of {} views; the first is {}",
+                "expected a photograph of each view, found none of {} of {} views; the first is {}{}",
                 missing.len(),
                 views.len(),
-                places.expected_name(first)
+                places.expected_name(first),
+                other.unwrap_or_default()
             );
             return Err(mvs_datasets::Error::layout(folder, problem).into());
         }
@@ -209,6 +216,24 @@ fn with_ending(folder: &Path, stem: &str) -> Result<Option<PathBuf>> {
         let path = folder.join(format!("{stem}.{end}"));
         if is_file(&path)? {
             return Ok(Some(path));
+        }
+    }
+    Ok(None)
+}
+
+/// A file of that name and an ending of images that are not read.
+fn of_other_format(folder: &Path, name: &str) -> Result<Option<PathBuf>> {
+    let below = below(folder, name);
+    let base = below.rsplit('/').next().unwrap_or_default();
+    for name in [below.as_str(), base]
+        .into_iter()
+        .filter(|name| !name.is_empty())
+    {
+        for end in OTHER_ENDINGS {
+            let path = folder.join(name).with_extension(end);
+            if is_file(&path)? {
+                return Ok(Some(path));
+            }
         }
     }
     Ok(None)
@@ -390,6 +415,11 @@ mod tests {
             error.contains("2 of 3 views") && error.contains("x.jpg"),
             "{error}"
         );
+        assert!(!error.contains("convert"), "{error}");
+        touch(&folder.path().join("x.tif"));
+        let error = PhotoFolder::open(folder.path(), &more).unwrap_err();
+        let error = error.to_string();
+        assert!(error.contains("x.tif is no JPEG or PNG"), "{error}");
     }
 
     #[test]

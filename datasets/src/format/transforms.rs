@@ -334,9 +334,13 @@ pub fn read(json: &str) -> Result<Read, FormatError> {
     let wire: WireFile = serde_json::from_str(json).map_err(|error| {
         let said = error.to_string();
         let problem = said.split(" at line ").next().unwrap_or_default();
+        let found = match no_number(json, &error) {
+            Some(name) => format!("{name}, which is no number in JSON: give finite ones"),
+            None => format!("another text ({problem})"),
+        };
         FormatError::new(
             format!("line {} column {}", error.line(), error.column()),
-            format!("expected a transforms.json, found another text ({problem})"),
+            format!("expected a transforms.json, found {found}"),
         )
     })?;
     if wire.frames.is_empty() {
@@ -352,6 +356,19 @@ pub fn read(json: &str) -> Result<Read, FormatError> {
         frame_of(frame, &wire.shared).map_err(|problem| FormatError::new(place, problem))
     });
     Ok((frames.collect::<Result<_, _>>()?, notes))
+}
+
+/// What Python writes for a number that is none, if that is what the error is about.
+fn no_number(json: &str, error: &serde_json::Error) -> Option<&'static str> {
+    let line = json.lines().nth(error.line().checked_sub(1)?)?;
+    let mut starts = (1..=3)
+        .rev()
+        .filter_map(|back| line.get(error.column().checked_sub(back)?..));
+    let name = |start: &str| {
+        let mut names = ["NaN", "Infinity", "-Infinity"].into_iter();
+        names.find(|name| start.starts_with(name))
+    };
+    starts.find_map(name)
 }
 
 /// What was done to the poses before they came into the file.

@@ -87,7 +87,7 @@ enum Points {
 fn read_with_points(path: &Path, options: &CamerasOptions, points: Points) -> Result<ReadCameras> {
     let mut found = candidates(path)?;
     if found.is_empty() {
-        let problem = "expected cameras: *_cam.txt files (here or in cams/), a COLMAP model \
+        let problem = "expected cameras: files such as 00000012_cam.txt, a number before _cam.txt (here or in cams/), a COLMAP model \
              (cameras, images as .bin or .txt; here, in sparse/0, sparse or colmap), \
              transforms.json or a .log file, found none of them";
         return Err(Error::layout(path, problem));

@@ -438,6 +438,11 @@ mod tests {
                 "expected at least 1x1 pixels, found 0x48",
             ),
             (
+                "70 0 32",
+                "-70 0 -32",
+                "expected focal lengths above 0 px, found -70",
+            ),
+            (
                 "0 0 0 1",
                 "0 0 0 2",
                 "00000007_cam.txt: extrinsic: pose: expected a last row",

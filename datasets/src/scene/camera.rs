@@ -31,6 +31,14 @@ impl Camera {
     /// No pixels, more than 2²⁹ of them, focal lengths that are not finite and above 0, and a principal point that is
     /// not finite.
     pub fn new(width: u32, height: u32, focal: DVec2, center: DVec2) -> Result<Self> {
+        if focal.is_finite() && focal.min_element() < 0.0 {
+            let problem = format!(
+                "expected focal lengths above 0 px, found {} and {}: where +Y goes down and +Z ahead, as here, none is \
+                 negative",
+                focal.x, focal.y
+            );
+            return Err(Error::invalid("camera", problem));
+        }
         if width == 0 || height == 0 {
             let problem = format!("expected at least 1x1 pixels, found {width}x{height}");
             return Err(Error::invalid("camera", problem));

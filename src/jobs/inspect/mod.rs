@@ -229,17 +229,18 @@ fn look_facts(mesh: &Mesh) -> Vec<Fact> {
     let (textured, textured_faces) = count(|material| material.texture.is_some());
     let (masked, masked_faces) = count(|material| material.cutout.is_some());
     let (both, both_faces) = count(|material| material.double_sided);
-    let rest = match mesh.vertex_colors() {
-        Some(_) => "the others show vertex colors",
-        None => "the others show one color per material",
-    };
     let total = mesh.triangles().len();
+    let rest = match mesh.vertex_colors() {
+        _ if textured_faces == total => "",
+        Some(_) => "; the others show vertex colors",
+        None => "; the others show one color per material",
+    };
     let mut facts = vec![
         fact("materials", mesh.materials().len().to_string()),
         fact(
             "color",
             format!(
-                "{textured_faces} of {total} triangles show a texture ({textured} materials); {rest}"
+                "{textured_faces} of {total} triangles show a texture ({textured} materials){rest}"
             ),
         ),
         fact("textures", textures_text(mesh)),

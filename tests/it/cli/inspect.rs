@@ -146,3 +146,20 @@ fn transforms_without_an_image_size_are_for_their_photographs() {
     let again = [&generate[..], &["--force"]].concat();
     assert_refused(&again, &["40x30 and 80x60", "--camera-size"]);
 }
+
+#[test]
+fn a_mesh_that_is_textured_throughout_has_no_other_triangles() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    halves(&path("t.png"), (4, 4), [[9; 3], [90; 3]]);
+    write(&path("m.mtl"), "newmtl a\nmap_Kd t.png\n");
+    let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
+    let textured = format!("mtllib m.mtl\n{vertices}usemtl a\nf 1/1 2/2 3/3\n");
+    for (more, others) in [("", false), ("f 3 2 1\n", true)] {
+        write(&path("m.obj"), format!("{textured}{more}"));
+        let output = mvs_eval(&["inspect", text(&path("m.obj"))]);
+        let said = String::from_utf8(output.stdout).unwrap();
+        assert!(said.contains("show a texture (1 materials)"), "{said}");
+        assert_eq!(said.contains("the others"), others, "{said}");
+    }
+}

@@ -209,6 +209,13 @@ fn mesh_of(
         .collect();
     let last = materials.len() as u32;
     let mut numbers = faces.texture_numbers;
+    let beyond = |&&number: &&u32| number != faces::NO_NUMBER && number >= last;
+    if let Some(number) = numbers.iter().flatten().find(beyond) {
+        let problem = format!(
+            "expected a texnumber below {last}, the number of its comments TextureFile, found {number}"
+        );
+        return Err(FormatError::new("element face", problem));
+    }
     let mut untextured = 0;
     let none = numbers
         .iter_mut()

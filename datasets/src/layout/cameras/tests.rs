@@ -104,6 +104,26 @@ fn options_that_the_files_answer_themselves_are_named() {
 }
 
 #[test]
+fn numbers_that_are_none_and_cams_of_other_names_are_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    for none in ["NaN", "Infinity", "-Infinity"] {
+        let text = format!(
+            "{{\"frames\": [\n{{\"file_path\": \"a.png\", \"transform_matrix\": [[1, {none}]]}}]}}"
+        );
+        put(&path, &text);
+        let error = read_scene(&path, &CamerasOptions::default()).unwrap_err();
+        let error = error.to_string();
+        let said = format!("expected a transforms.json, found {none}, which");
+        assert!(error.contains("line 2") && error.contains(&said), "{error}");
+    }
+    std::fs::remove_file(&path).unwrap();
+    put(&folder.path().join("IMG_3_cam.txt"), "");
+    let error = read_scene(folder.path(), &CamerasOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("00000012_cam.txt"), "{error}");
+}
+
+#[test]
 fn what_every_frame_of_transforms_has_itself_is_not_taken_from_options() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("transforms.json");

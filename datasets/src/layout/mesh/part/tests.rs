@@ -178,6 +178,20 @@ fn strips_beside_the_faces_of_a_ply() {
     said(folder.path(), "m.ply", &[]);
 }
 
+#[test]
+fn a_number_of_no_texture_of_a_ply() {
+    let folder = tempfile::tempdir().unwrap();
+    put_image(folder.path());
+    let text = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 3\nproperty float x\n\
+                property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n\
+                property list uchar int vertex_index\nproperty int texnumber\nend_header\n\
+                0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2 7\n";
+    put(folder.path(), "m.ply", text);
+    let error = read_meshes(&[folder.path().join("m.ply")]).unwrap_err();
+    let said = "expected a texnumber below 1, the number of its comments TextureFile, found 7";
+    assert!(error.to_string().ends_with(said), "{error}");
+}
+
 /// Two triangles of a textured PLY: the second has no texture coordinates of its own, or the number of no texture.
 #[test]
 fn triangles_of_a_ply_without_a_texture_show_their_vertices() {
