@@ -154,10 +154,9 @@ fn open_facts(read: ReadCameras, open: LeftOpen) -> Vec<Fact> {
     facts.push(fact("views", views.len().to_string()));
     facts.extend(names_text(views).map(|names| fact("image names", names)));
     facts.push(fact("camera centres", centers_text(views)));
-    let size = "no image size (w, h): give --camera-size where cameras are asked for, but to generate, which takes the \
-                photographs'";
-    let focal =
-        "no focal length (fl_x or camera_angle_x): give --focal where cameras are asked for";
+    let size = "no image size (w, h): generate takes the photographs', all else that reads these cameras needs \
+                --camera-size";
+    let focal = "no focal length (fl_x or camera_angle_x): what reads these cameras needs --focal";
     let lacking = [(open.size, size), (open.focal, focal)];
     let lacking = lacking.into_iter().filter(|(lacks, _)| *lacks);
     facts.extend(lacking.map(|(_, text)| fact("note", text)));

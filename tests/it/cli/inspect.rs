@@ -137,11 +137,10 @@ fn transforms_without_an_image_size_are_for_their_photographs() {
     let said = stderr(&output);
     assert!(output.status.success(), "{said}");
     assert!(said.contains("40x30, the photographs' size"), "{said}");
-    let cam = std::fs::read_to_string(out.join("cams/00000000_cam.txt")).unwrap();
-    assert!(
-        cam.contains("40.0 0.0 20.0") || cam.contains("40 0 20"),
-        "{cam}"
-    );
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let scene = Path::new(answer["sets"][0]["folder"].as_str().unwrap());
+    let cam = std::fs::read_to_string(scene.join("cams/00000000_cam.txt")).unwrap();
+    assert!(cam.contains("\n40.0000") && cam.contains(" 20\n"), "{cam}");
     halves(&photos.join("r_2.png"), (80, 60), [[9; 3], [90; 3]]);
     let again = [&generate[..], &["--force"]].concat();
     assert_refused(&again, &["40x30 and 80x60", "--camera-size"]);
