@@ -70,7 +70,8 @@ pub(crate) struct ScoreArgs {
     /// with its slips (of a mesh it would take the vertices: --mesh-as vertices)
     #[arg(long, value_enum)]
     profile: Option<ProfileName>,
-    /// Tolerances in world units, separated by commas; the seven known tnt scenes bring their own
+    /// Tolerances in world units, separated by commas; the seven known tnt scenes bring their own. Curve, picture and
+    /// coloured clouds are for the first
     #[arg(long, value_name = "T", value_delimiter = ',')]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     tau: Vec<f64>,

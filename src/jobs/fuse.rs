@@ -186,6 +186,7 @@ pub fn run(job: &FuseJob, context: &Context<'_>) -> Result<FuseOutcome> {
     let doubles = job.coordinates.are_doubles(&maps, context.warnings);
     let outcome = write_cloud(job, &maps, (&inputs, doubles, context.force));
     maps.warn_of_turned();
+    maps.warn_of_empty();
     let outcome = outcome?;
     if !job.vis {
         remove_if_there(&visible)?; // that of the cloud before

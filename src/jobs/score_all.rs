@@ -90,7 +90,11 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
     let out = OutDir::create(
         &job.out,
-        context.run("score", job, &OutDir::inputs(&job.out, &inputs)?)?,
+        context.run(
+            "score",
+            &as_scored(job),
+            &OutDir::inputs(&job.out, &inputs)?,
+        )?,
         context.force,
     )?;
     // What lies in the folder was made by this batch, or by the one before it that it replaces.
@@ -115,6 +119,14 @@ pub fn run(job: &ScoreJob, context: &Context<'_>) -> Result<BatchOutcome> {
     out.finish()?;
     let not_ok = rows.iter().filter(|row| row.status != "ok").count();
     Ok(BatchOutcome { rows, not_ok })
+}
+
+/// The options with the procedure that a batch always follows, which need not be given.
+fn as_scored(job: &ScoreJob) -> ScoreJob {
+    ScoreJob {
+        protocol: Protocol::Tnt,
+        ..job.clone()
+    }
 }
 
 /// Says which options mean nothing to a batch.

@@ -22,7 +22,7 @@ const OTHER_COLUMNS: [&str; 9] = [
 ];
 
 /// The boards as the benchmark's site shows them: one table per board and metric, methods ranked,
-/// percent with two decimals (distances with four), best bold and second underlined. Values that
+/// percent with two decimals (distances with four, or as many as leave the smallest two digits), best bold and second underlined. Values that
 /// failed a gate carry a † and are not marked.
 pub fn site_tables(boards: &[Board]) -> Vec<Table> {
     boards
@@ -45,9 +45,10 @@ pub fn site_tables(boards: &[Board]) -> Vec<Table> {
 fn site_table(named: Named<'_>, metric: Metric) -> Table {
     let board = named.board;
     let ranked = board.ranking(metric);
+    let decimals = decimals_of(&ranked);
     let shown = |value: Option<f64>| match value {
         Some(value) if metric.is_fraction() => format!("{:.2}", 100.0 * value),
-        Some(value) => format!("{value:.4}"),
+        Some(value) => format!("{value:.decimals$}"),
         None => MISSING.to_owned(),
     };
     let optional = |text: Option<String>| Cell::plain(text.unwrap_or_else(|| MISSING.to_owned()));
@@ -82,15 +83,38 @@ fn site_table(named: Named<'_>, metric: Metric) -> Table {
     header.extend(named.columns());
     let mut identity = named.identity();
     identity.push(("metric".into(), metric.name().into()));
+    let mut notes = board.notes();
+    let alike =
+        |two: &[Ranked]| two[0].rank != two[1].rank && shown(two[0].mean) == shown(two[1].mean);
+    if ranked.windows(2).any(alike) {
+        notes.push("Ranks come from all digits, marks from those that are shown.".to_owned());
+    }
     Table {
         title: named.title(metric.name()),
         identity,
-        notes: board.notes(),
+        notes,
         header,
         labels: 1,
         rows_per_method: 1,
         rows,
     }
+}
+
+/// Decimals of distances: four, or as many as leave the smallest two digits.
+fn decimals_of(ranked: &[Ranked]) -> usize {
+    let values = |row: &Ranked| {
+        let of_scenes: Vec<Option<f64>> = row.values.iter().map(|value| value.shown).collect();
+        of_scenes.into_iter().chain([row.mean])
+    };
+    let all = ranked.iter().flat_map(values).flatten();
+    let smallest = all.filter(|&value| value > 0.0).fold(1.0, f64::min);
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "between 1 and 324"
+    )]
+    let wanted = (1.0 - smallest.log10().floor()) as usize;
+    wanted.max(4)
 }
 
 /// The boards as papers print them: per method the rows precision, recall and F-score, the scenes

@@ -277,7 +277,7 @@ pub fn of_nothing_right(
 }
 
 /// The unit that explains how much larger or smaller the reconstruction is than the truth.
-fn unit_guess(reconstruction: &Aabb, truth: &Aabb) -> Option<&'static str> {
+pub(crate) fn unit_guess(reconstruction: &Aabb, truth: &Aabb) -> Option<&'static str> {
     let ratio = reconstruction.size().length() / truth.size().length();
     if !ratio.is_finite() || (1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&ratio) {
         return None;

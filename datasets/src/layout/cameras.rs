@@ -39,6 +39,17 @@ pub enum CameraSource {
     Log,
 }
 
+impl std::fmt::Display for CameraSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Cams => "cams",
+            Self::Colmap => "a COLMAP model",
+            Self::Transforms => "a transforms.json",
+            Self::Log => "a .log",
+        })
+    }
+}
+
 /// Cameras, and how they were understood.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadCameras {
@@ -106,7 +117,7 @@ fn read_with_points(path: &Path, options: &CamerasOptions, points: Points) -> Re
     }
     for (other, place) in found {
         notes.push(format!(
-            "took {source:?}; {} holds {other:?} too",
+            "took {source}; {} holds {other} too",
             place.display()
         ));
     }

@@ -31,6 +31,8 @@ pub(super) struct FolderMaps<'a> {
     warnings: &'a Warnings,
     /// Photographs that EXIF says are to be turned, with the orientation, as far as they have been read.
     turned: Mutex<BTreeMap<PathBuf, u8>>,
+    /// Depth maps without any depth, as far as they have been read.
+    empty: Mutex<BTreeSet<PathBuf>>,
     /// What the depths of the first view with a depth range look like, if they have been read.
     units: Mutex<Units>,
     /// All that is read: the views' files are hashed as they are, all others before.
@@ -85,6 +87,7 @@ impl<'a> FolderMaps<'a> {
             entries,
             warnings: context.warnings,
             turned: Mutex::default(),
+            empty: Mutex::default(),
             units: Mutex::default(),
         };
         if workspace.is_none() {
@@ -186,6 +189,9 @@ impl DepthMaps for FolderMaps<'_> {
             Encoding::Dense => DepthMap::clean(self.read(path, dense::read_gray)?),
         };
         self.warn_of(path, rejected);
+        if !depth.values().iter().any(|&depth| depth > 0.0) {
+            self.note_empty(path);
+        }
         Ok(depth)
     }
 
@@ -197,8 +203,10 @@ impl DepthMaps for FolderMaps<'_> {
                 let mut all = RejectedDepths::default();
                 let mut units = Units::default();
                 let range = view.depth_range.filter(|_| self.judged() == Some(index));
+                let mut is_empty = true;
                 let clean = |row, first, values: &mut [f32]| {
                     all.add(DepthMap::clean_values(values));
+                    is_empty = is_empty && !values.iter().any(|&depth| depth > 0.0);
                     if let Some(range) = range {
                         units.add(range, values);
                     }
@@ -211,6 +219,9 @@ impl DepthMaps for FolderMaps<'_> {
                     *self.units() = units;
                 }
                 self.warn_of(depth, all);
+                if is_empty {
+                    self.note_empty(depth);
+                }
             }
             Encoding::Dense => take_rows(&self.depth(index)?, take),
         }
@@ -365,6 +376,23 @@ impl FolderMaps<'_> {
             rejected.negative
         );
         self.warnings.add("bad-depth", message);
+    }
+
+    fn note_empty(&self, path: &Path) {
+        let mut empty = self.empty.lock().unwrap_or_else(PoisonError::into_inner);
+        empty.insert(path.to_path_buf());
+    }
+
+    /// Says which of the depth maps that were read hold no depth at all.
+    pub(super) fn warn_of_empty(&self) {
+        let empty = self.empty.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(first) = empty.first() {
+            let (count, all) = (empty.len(), self.entries.len());
+            let first = first.display();
+            let message =
+                format!("{count} of {all} depth maps hold no depth, the first is {first}");
+            self.warnings.add("empty-depth", message);
+        }
     }
 
     fn note_turned(&self, path: &Path, bytes: &[u8]) {

@@ -19,6 +19,9 @@ use std::path::{Path, PathBuf};
 /// The alignment's scale is known to this factor when a mesh is sampled: ICP may still change it.
 const SCALE_MARGIN: f64 = 0.9;
 
+/// One vertex in so many may be a corner of no face without a word.
+const LOOSE_OF: usize = 20;
+
 /// The side that may be empty.
 const RECONSTRUCTION: &str = "reconstruction";
 
@@ -33,11 +36,18 @@ enum Surface {
 impl Surface {
     /// The points that stand for the surface at a tolerance of `tau` units of its own frame; for a
     /// mesh read as bare points also a gate on whether that does it justice.
-    fn into_points(self, how: MeshAs, tau: f64, seed: u64) -> Result<(FinitePoints, Option<Gate>)> {
+    fn into_points(
+        self,
+        (how, tau, seed): (MeshAs, f64, u64),
+        warnings: &Warnings,
+    ) -> Result<(FinitePoints, Option<Gate>)> {
         let (mesh, path) = match self {
             Self::Cloud(points) => return Ok((points, None)),
             Self::Mesh(mesh, path) => (mesh, path),
         };
+        if how != MeshAs::Vertices {
+            warn_of_loose(&mesh, &path, warnings);
+        }
         if how == MeshAs::Area {
             check_surface(&mesh, std::slice::from_ref(&path))?;
         }
@@ -49,6 +59,24 @@ impl Surface {
         let gate = (how != MeshAs::Area)
             .then(|| gates::of_mesh(sample::coarse_fraction(&mesh, tau), &how.to_string()));
         Ok((FinitePoints::new(points), gate))
+    }
+}
+
+/// Warns of a mesh whose vertices many faces leave out, as they do in a cloud that is triangulated in part.
+fn warn_of_loose(mesh: &Mesh, path: &Path, warnings: &Warnings) {
+    let mut in_face = vec![false; mesh.vertices().len()];
+    for &vertex in mesh.triangles().as_flattened() {
+        in_face[vertex as usize] = true;
+    }
+    let loose = in_face.iter().filter(|in_face| !**in_face).count();
+    if loose * LOOSE_OF > in_face.len() {
+        let message = format!(
+            "{}: {loose} of {} vertices are corners of no face and count for nothing, as a mesh's faces are judged; \
+             --mesh-as vertices judges all of them",
+            path.display(),
+            in_face.len()
+        );
+        warnings.add("loose-vertices", message);
     }
 }
 
@@ -89,7 +117,8 @@ pub(in crate::jobs) fn read_reconstruction(
     match read(path, RECONSTRUCTION, warnings)? {
         Surface::Cloud(points) => Ok((points, None, None)),
         mesh @ Surface::Mesh(..) => {
-            let (points, gate) = mesh.into_points(draw.how, draw.tau / scale()?, draw.seed)?;
+            let (points, gate) =
+                mesh.into_points((draw.how, draw.tau / scale()?, draw.seed), warnings)?;
             Ok((points, Some(draw.how), gate))
         }
     }
@@ -108,7 +137,7 @@ pub(in crate::jobs) fn read_truth(
         let message = format!("{file}: the truth is a mesh, turned into points by {how}");
         warnings.add("truth-is-mesh", message);
     }
-    let (points, gate) = surface.into_points(draw.how, draw.tau, draw.seed)?;
+    let (points, gate) = surface.into_points((draw.how, draw.tau, draw.seed), warnings)?;
     let gate = gate.map(|gate| Gate {
         message: format!("truth: {}", gate.message),
         ..gate

@@ -94,11 +94,15 @@ impl<'a> Work<'a> {
         );
         let (truth, truth_sampling, truth_gate) = truth?;
         let (reconstruction, mesh_sampling, mesh_gate) = reconstruction?;
-        self.next("scoring")?;
-        let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
         let motion = transform.unwrap_or(DMat4::IDENTITY);
-        let mut checks: Vec<Gate> = mesh_gate.into_iter().chain(truth_gate).collect();
         let boxes = Boxes::around(&reconstruction, motion, truth.bounds());
+        // Neighbours of clouds that lie far apart take long to find: the user hears now what it may be.
+        match gates::unit_guess(&boxes.moved, &boxes.truth) {
+            Some(unit) => self.next(&format!("scoring; units look like {unit}"))?,
+            None => self.next("scoring")?,
+        }
+        let evaluation = plain::evaluate(&reconstruction, transform, &truth, &preparation)?;
+        let mut checks: Vec<Gate> = mesh_gate.into_iter().chain(truth_gate).collect();
         checks.extend(self.gates_of_place(&evaluation, &boxes)?);
         // The user says that the clouds share a frame: what looks wrong is advice here.
         self.warn_of(&checks);

@@ -20,6 +20,40 @@ fn move_cams(scene: &SyntheticScene, folder: &Path, offset: DVec3) {
     }
 }
 
+/// As missing ones are: the views do not count for what they are listed as.
+#[test]
+fn maps_without_any_depth_are_told_of() {
+    let scene = scene();
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = write_scene(&scene, None, folder.path());
+    let heard = |job: &FuseJob| {
+        let (outcome, warnings) = fuse_and_hear(job, true);
+        outcome.unwrap();
+        let empty = warnings
+            .into_iter()
+            .find(|warning| warning.code == "empty-depth");
+        empty.map(|warning| warning.message)
+    };
+    assert_eq!(heard(&job), None);
+    let views = scene.scene().views();
+    let nothing = Raster::filled(160, 120, 0.0).unwrap();
+    let path = folder
+        .path()
+        .join("depths")
+        .join(mvsnet::file_name(views[1].id, ".pfm"));
+    files::write_atomically(&path, |out| pfm::write_gray(out, &nothing)).unwrap();
+    for mode in FuseMode::ALL {
+        job.fuse.mode = mode;
+        let said = heard(&job).unwrap();
+        let wanted = format!(
+            "1 of {} depth maps hold no depth, the first is {}",
+            views.len(),
+            path.display()
+        );
+        assert_eq!(said, wanted, "{mode:?}");
+    }
+}
+
 #[test]
 fn coordinates_are_floats_where_that_is_exact_enough_and_doubles_far_away() {
     let scene = scene();

@@ -82,6 +82,33 @@ fn boards_of_other_units_are_named_by_them_and_pass_our_own_check() {
     }
 }
 
+/// A scene in other units is not a column of zeros; what looks alike and ranks apart is explained.
+#[test]
+fn small_distances_keep_two_digits_and_ranks_their_reason() {
+    let of = |method: &str, accuracy: f64| Record {
+        acc_mean: Some(accuracy),
+        comp_mean: Some(accuracy),
+        ..record(method, "Barn", 0.5 + accuracy)
+    };
+    let tables = |records: &[Record]| site_tables(&boards(records).unwrap());
+    let shown = |tables: &[mvs_eval::report::table::Table], metric: &str| {
+        let table = tables.iter().find(|table| table.title.starts_with(metric));
+        let table = table.unwrap();
+        let means: Vec<String> = table.rows.iter().map(|row| row[3].text.clone()).collect();
+        (means, table.notes.join(" "))
+    };
+    let said = "Ranks come from all digits";
+    let small = tables(&[of("a", 3.12e-6), of("b", 6.5e-6)]);
+    let (means, _) = shown(&small, "accuracy");
+    assert_eq!(means, ["0.0000031", "0.0000065"]);
+    let (means, notes) = shown(&small, "F-score");
+    assert_eq!(means, ["50.00", "50.00"]);
+    assert!(notes.contains(said), "{notes}");
+    let (means, notes) = shown(&tables(&[of("a", 0.0043), of("b", 2.5)]), "accuracy");
+    assert_eq!(means, ["0.0043", "2.5000"]);
+    assert!(!notes.contains(said), "{notes}");
+}
+
 #[test]
 fn scores_without_a_threshold_do_not_stand_beside_those_with_one() {
     let without = |method: &str, scene: &str| Record {

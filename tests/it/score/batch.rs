@@ -146,6 +146,7 @@ fn submissions_lie_by_method_and_scene() {
     assert_eq!(rows[1].fscore, rows[0].fscore);
     let model = read(&fixture.path("results"), "run.toml");
     assert!(model.contains("methods/their_model/Synth/sparse/0/images.txt"));
+    assert!(model.contains("protocol = \"tnt\""), "{model}");
     assert_eq!(rows[2].method, "theirs");
     assert!(
         rows[2].status.contains("found no Synth.ply"),

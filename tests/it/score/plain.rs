@@ -394,6 +394,53 @@ fn meshes_of_every_format_are_read_on_both_sides_and_recorded() {
     }
 }
 
+/// A cloud that is triangulated in part is not judged by its few faces without a word.
+#[test]
+fn vertices_of_no_face_are_told_of() {
+    let (fixture, job) = fixture();
+    let corners = (0..100).map(|i| {
+        format!(
+            "{} {} 0\n",
+            0.1 * f64::from(i % 10),
+            0.1 * f64::from(i / 10)
+        )
+    });
+    let put = |name: &str, faces: &[[u32; 3]]| {
+        let lines = faces.iter().map(|[a, b, c]| format!("3 {a} {b} {c}\n"));
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 100\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {}\nproperty list uchar int vertex_indices\nend_header\n{}{}",
+            faces.len(),
+            corners.clone().collect::<String>(),
+            lines.collect::<String>()
+        );
+        write(&fixture.path(name), text);
+    };
+    put("few.ply", &[[0, 1, 10]]);
+    let all: Vec<[u32; 3]> = (0..98).map(|i| [i, i + 1, i + 2]).collect();
+    put("all.ply", &all);
+    let said = |name: &str, mesh_as: MeshAs| {
+        let document = run(&ScoreJob {
+            reconstruction: fixture.path(name),
+            mesh_as,
+            out: fixture.path(&format!("{name}-{mesh_as}")),
+            ..job.clone()
+        });
+        let warnings = document.unwrap().warnings;
+        let loose = warnings
+            .iter()
+            .find(|warning| warning.code == "loose-vertices");
+        loose.map(|warning| warning.message.clone())
+    };
+    let few = said("few.ply", MeshAs::Area).unwrap();
+    assert!(
+        few.contains("97 of 100 vertices are corners of no face"),
+        "{few}"
+    );
+    assert_eq!(said("few.ply", MeshAs::Vertices), None);
+    assert_eq!(said("all.ply", MeshAs::Area), None);
+}
+
 #[test]
 fn a_cloud_in_other_units_is_warned_of() {
     let (fixture, job) = fixture();
@@ -408,6 +455,23 @@ fn a_cloud_in_other_units_is_warned_of() {
     let warned = document.warnings.iter().find(|w| w.code == "nothing-right");
     let said = &warned.unwrap().message;
     assert!(said.contains("units look like millimetres"), "{said}");
+    // Already before the search, which takes long where clouds lie far apart.
+    let output = mvs_eval(&[
+        "score",
+        "--truth",
+        text(job.truth.as_deref().unwrap()),
+        "--reconstruction",
+        text(&fixture.path("millimetres.ply")),
+        "--tau",
+        "0.05",
+        "--out",
+        text(&fixture.path("heard")),
+    ]);
+    let heard = stderr(&output);
+    assert!(
+        heard.contains("scoring; units look like millimetres"),
+        "{heard}"
+    );
     let right = run(&ScoreJob {
         out: fixture.path("right"),
         ..job
