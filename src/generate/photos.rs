@@ -458,7 +458,7 @@ mod tests {
                 "images/0002",
             ],
             [
-                "../images/cam0/0001",
+                "data/images/cam0/0001",
                 "images\\cam1\\0001.JPG",
                 "./images/0002.png",
             ],

@@ -154,7 +154,7 @@ fn a_mesh_that_is_textured_throughout_has_no_other_triangles() {
     write(&path("m.mtl"), "newmtl a\nmap_Kd t.png\n");
     let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
     let textured = format!("mtllib m.mtl\n{vertices}usemtl a\nf 1/1 2/2 3/3\n");
-    for (more, others) in [("", false), ("f 3 2 1\n", true)] {
+    for (more, others) in [("", false), ("v 1 1 0\nf 2 4 3\n", true)] {
         write(&path("m.obj"), format!("{textured}{more}"));
         let output = mvs_eval(&["inspect", text(&path("m.obj"))]);
         let said = String::from_utf8(output.stdout).unwrap();
