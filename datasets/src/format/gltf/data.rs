@@ -175,9 +175,10 @@ impl Document<'_> {
             "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
+            "MAT4" => 16,
             other => {
                 return Err(format!(
-                    "expected a scalar or vector, found {:?}",
+                    "expected a scalar, vector or 4x4 matrix, found {:?}",
                     super::super::text::shown(other)
                 ));
             }

@@ -7,6 +7,7 @@
 mod data;
 mod materials;
 mod nodes;
+mod skins;
 mod wire;
 
 use crate::error::FormatError;
@@ -85,7 +86,8 @@ pub fn read_gltf(
     let document = Document { root, buffers };
     let nodes = placed_nodes(&document.root)?;
     check_instances(&document.root, &nodes, MOST_INSTANCED)?;
-    let mut reader = Reader::new(&document);
+    let places = nodes.iter().copied().collect();
+    let mut reader = Reader::new(&document, &places);
     let root = &document.root;
     if root.scene.is_some_and(|scene| scene >= root.scenes.len()) {
         reader.note("the scene that the file names is not in it: all its nodes are shown");
@@ -152,6 +154,8 @@ fn buffers<'b>(
 /// What has been read so far.
 struct Reader<'d> {
     document: &'d Document<'d>,
+    /// The nodes of the scene with their `world_from_node`.
+    nodes: &'d BTreeMap<usize, DMat4>,
     file: GltfFile,
     /// Colours of the vertices up to the last that has one.
     colors: Vec<Option<[u8; 3]>>,
@@ -174,9 +178,10 @@ struct Columns {
 }
 
 impl<'d> Reader<'d> {
-    fn new(document: &'d Document<'d>) -> Self {
+    fn new(document: &'d Document<'d>, nodes: &'d BTreeMap<usize, DMat4>) -> Self {
         Self {
             document,
+            nodes,
             file: GltfFile::default(),
             colors: Vec::new(),
             plain: Vec::new(),
@@ -203,17 +208,16 @@ impl<'d> Reader<'d> {
         let Some(mesh) = node.mesh else {
             return Ok(());
         };
-        // glTF 2.0, section 3.7.3.3: the transform of a skinned mesh's node counts for nothing.
         let matrix = match node.skin {
-            Some(_) => DMat4::IDENTITY,
+            Some(skin) => match skins::placed(document, self.nodes, skin)? {
+                Some(matrix) => matrix,
+                None => {
+                    self.note(skins::LEFT);
+                    DMat4::IDENTITY
+                }
+            },
             None => matrix,
         };
-        if node.skin.is_some() {
-            self.note(
-                "skins are left out: skinned meshes are shown where their vertices lie in the file, moved neither by \
-                 joints nor, as glTF has it, by their nodes",
-            );
-        }
         let list = document.root.meshes.get(mesh);
         let list = list.ok_or_else(|| format!("expected mesh {mesh}, found none"))?;
         for (number, primitive) in list.primitives.iter().enumerate() {

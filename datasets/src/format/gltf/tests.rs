@@ -261,20 +261,53 @@ fn what_is_passed_over_is_said() {
         "{said:?}"
     );
     assert!(shining("[0, 0, 0]").is_empty());
-    // A skinned mesh lies where its vertices do, whatever the transform of its node.
-    let node = r#""nodes": [{"mesh": 0"#;
-    let skinned = format!(r#"{node}, "skin": 0, "scale": [0.1, 0.1, -0.1]"#);
-    let file = read(&SQUARE.replacen(node, &skinned, 1)).unwrap();
-    let plain = read(SQUARE).unwrap();
+}
+
+/// A skinned mesh moves with its joints, whatever the transform of its node; bent by them it lies where its vertices do.
+#[test]
+fn skinned_meshes_stand_where_their_joints_are() {
+    let read_with = |nodes: &str, skin: &str| {
+        let nodes = format!(r#""nodes": [{nodes}], "skins": [{skin}]"#);
+        let square = SQUARE.replacen(r#""nodes": [{"mesh": 0}]"#, &nodes, 1);
+        let bind = r#"{"bufferView": 3, "componentType": 5126, "count": 2, "type": "MAT4"}, {"bufferView": 0"#;
+        let square = square
+            .replacen(r#"[{"nodes": [0]}]"#, r#"[{"nodes": [0, 1]}]"#, 1)
+            .replacen(r#"{"bufferView": 0"#, bind, 1)
+            .replacen(r#""POSITION": 0, "TEXCOORD_0": 1}, "indices": 2"#, r#""POSITION": 1, "TEXCOORD_0": 2}, "indices": 3"#, 1)
+            .replacen(r#""byteOffset": 80, "byteLength": 12}"#, r#""byteOffset": 80, "byteLength": 12}, {"buffer": 0, "byteOffset": 92, "byteLength": 128}"#, 1)
+            .replacen(r#""byteLength": 92"#, r#""byteLength": 220"#, 1);
+        let mut bytes = buffer();
+        for scale in [8.0, 4.0] {
+            let bind = glam::Mat4::from_scale(glam::Vec3::splat(scale));
+            bytes.extend(bind.to_cols_array().into_iter().flat_map(f32::to_le_bytes));
+        }
+        read_gltf(&glb(&square, &bytes), &|_| Err("no files here".into()))
+    };
+    let node = r#"{"mesh": 0, "skin": 0, "scale": [0.1, 0.1, -0.1]}"#;
+    let corner = |nodes: &str, skin: &str| {
+        let file = read_with(nodes, skin).unwrap();
+        (file.vertices[2], file.triangles[0], file.notes.len())
+    };
+    let with =
+        |root: &str, joint: &str| format!("{node}, {{{root}, \"children\": [2]}}, {{{joint}}}");
+    let turned = r#""scale": [0.25, 0.25, 0.25], "translation": [5, 0, 0]"#;
+    let both = r#"{"joints": [1, 2], "inverseBindMatrices": 0}"#;
+    // Twice as large, and moved: 0.25 · 8 = 0.25 · 2 · 4.
+    let alike = with(turned, r#""scale": [2, 2, 2]"#);
     assert_eq!(
-        (file.vertices, file.triangles),
-        (plain.vertices, plain.triangles)
+        corner(&alike, both),
+        (DVec3::new(7.0, 2.0, 0.0), [0, 1, 2], 0)
     );
-    let said = file.notes;
-    assert!(
-        said.len() == 1 && said[0].contains("by their nodes"),
-        "{said:?}"
-    );
+    let plain = (DVec3::new(1.0, 1.0, 0.0), [0, 1, 2], 1);
+    let bent = with(turned, r#""scale": [2, 2, 2], "translation": [0, 1, 0]"#);
+    assert_eq!(corner(&bent, both), plain);
+    assert_eq!(corner(&alike, r#"{"joints": [9]}"#), plain, "no such joint");
+    assert_eq!(corner(&alike, ""), plain, "no such skin");
+    let one = r#"{"joints": [1]}"#;
+    assert_eq!(corner(&alike, one).0, DVec3::new(5.25, 0.25, 0.0));
+    let many = r#"{"joints": [1, 2, 1], "inverseBindMatrices": 0}"#;
+    let error = read_with(&alike, many).unwrap_err().to_string();
+    assert!(error.contains("of 3 joints, found 2"), "{error}");
 }
 
 /// Ten vertices and corners each.
