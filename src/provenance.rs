@@ -462,7 +462,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         for size in [0, 1, PIECE - 1, PIECE, PIECE + 1, 3 * PIECE + 5] {
-            let bytes: Vec<u8> = (0..size).map(|i| (i * i >> 3) as u8).collect();
+            let bytes: Vec<u8> = (0..size).map(|i| ((i * i) >> 3) as u8).collect();
             files::write_atomically(&path, |out| out.write_all(&bytes)).unwrap();
             let expected = blake3::hash(&bytes).to_hex().to_string();
             assert_eq!(hash_path(&path).unwrap(), expected, "{size} bytes");
