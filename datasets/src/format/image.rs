@@ -7,7 +7,7 @@ use crate::scene::{ColorImage, Mask, Raster, Window};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{
     ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError,
-    ImageFormat, ImageReader, Limits,
+    ImageFormat, ImageReader, Limits, RgbImage,
 };
 use std::io::{Cursor, Error, Write};
 
@@ -73,7 +73,7 @@ fn read_other(bytes: &[u8]) -> Result<ColorImage, FormatError> {
 /// Reads a JPEG or PNG as one channel; colours become their luminance.
 ///
 /// # Errors
-/// As [`read_color`], but that damage inside the coded data of a JPEG may pass.
+/// As [`read_color`].
 pub fn read_gray(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
     let gray = decode(bytes)?.into_luma8();
     let (width, height) = gray.dimensions();
@@ -156,8 +156,15 @@ fn may_have_exif(bytes: &[u8]) -> bool {
     true
 }
 
-/// Decodes after checking that the stated size is possible for so few bytes.
+/// Decodes after checking that the stated size is possible for so few bytes. Plain JPEGs are decoded as
+/// [`read_color`] does, which finds damage inside their coded data.
 fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
+    if let Some((_, image)) = jpeg::decode(bytes, most_pixels(bytes), Window::whole)? {
+        let (width, height) = image.size();
+        let levels = image.values().as_flattened().to_vec();
+        let image = RgbImage::from_raw(width, height, levels).map(DynamicImage::ImageRgb8);
+        return image.ok_or_else(|| FormatError::new("image", "expected all pixels, found fewer"));
+    }
     DynamicImage::from_decoder(decoder(bytes, pixels(bytes)?)?).map_err(undecodable)
 }
 
@@ -358,6 +365,33 @@ mod tests {
             prop_assert_eq!(read_size(&bytes).unwrap(), image.size());
             prop_assert_eq!(read_color(&bytes).unwrap(), image);
         }
+    }
+
+    /// A mask is refused where its colours would be.
+    #[test]
+    fn grey_is_what_colours_make_and_damage_is_found() {
+        let image = smooth(64, 48);
+        let bytes = jpeg(&image, JpegOptions::default());
+        let color = read_color(&bytes).unwrap();
+        let gray = read_gray(&bytes).unwrap();
+        // Within a level, however halves are rounded.
+        let luma = |pixel: &[u8; 3]| {
+            let [r, g, b] = pixel.map(f64::from);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        };
+        let both = gray.values().iter().zip(color.values());
+        let off = both.map(|(&level, pixel)| (f64::from(level) - luma(pixel)).abs());
+        assert!(off.fold(0.0, f64::max) <= 1.0);
+        // The end of the coded data is gone.
+        let mut cut = bytes[..bytes.len() * 3 / 4].to_vec();
+        cut.extend([0xff, 0xd9]);
+        let said = |error: FormatError| error.to_string();
+        let expected = read_color(&cut).map_err(said).unwrap_err();
+        assert!(
+            expected.contains("end early or are damaged at row"),
+            "{expected}"
+        );
+        assert_eq!(read_gray(&cut).map_err(said), Err(expected));
     }
 
     #[test]
