@@ -422,13 +422,15 @@ impl<'d> Reader<'d> {
 
     /// Says so where materials give off light.
     fn note_shining(&mut self) {
-        let materials = &self.document.root.materials;
-        let mut names = self.shining.iter().map(|&index| &materials[index].name);
-        if let Some(first) = names.next() {
+        if let Some(&first) = self.shining.first() {
             let count = self.shining.len();
+            let first = match self.document.root.materials[first].name.as_str() {
+                "" => format!("material {first}, without a name"),
+                name => format!("{name:?}"),
+            };
             self.note(&format!(
                 "{count} materials give off light (emissiveFactor, emissiveTexture), which is left out: they show \
-                 their base colors alone; the first is {first:?}"
+                 their base colors alone; the first is {first}"
             ));
         }
     }

@@ -261,6 +261,12 @@ fn what_is_passed_over_is_said() {
         "{said:?}"
     );
     assert!(shining("[0, 0, 0]").is_empty());
+    let unnamed = format!(r#"{material}"emissiveFactor": [1, 1, 1], "#);
+    let (_, said) = notes(material, &unnamed);
+    assert!(
+        said[0].ends_with("the first is material 0, without a name"),
+        "{said:?}"
+    );
 }
 
 /// A skinned mesh moves with its joints, whatever the transform of its node; bent by them it lies where its vertices do.
