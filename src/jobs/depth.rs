@@ -107,10 +107,6 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
             context.warnings.add(&warning.code, warning.message);
         }
     };
-    let odd = [odd::intervals(job, &folder, all), odd::strays(job, all)?];
-    for warning in odd.into_iter().flatten() {
-        context.warnings.add(&warning.code, warning.message);
-    }
     let out = job.out.as_deref();
     let out = out.map(|path| create(job, path, context)).transpose()?;
     context.progress.begin("comparing", all.len() as u64);
@@ -129,6 +125,10 @@ pub fn run(job: &DepthJob, context: &Context<'_>) -> Result<DepthOutcome> {
         context.progress.advance(1);
         Ok(row)
     })?;
+    let odd = [odd::intervals(job, &folder, all), odd::strays(job, all)?];
+    for warning in odd.into_iter().flatten() {
+        context.warnings.add(&warning.code, warning.message);
+    }
     let wanted = views.iter().filter(|row| row.missing && row.counted > 0);
     let wanted: Vec<u32> = wanted.map(|row| row.view).collect();
     warn(("missing-depth", "have no depth map"), &wanted);

@@ -7,7 +7,7 @@ use crate::scene::{ColorImage, Mask, Raster, Window};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{
     ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError,
-    ImageFormat, ImageReader, Limits, RgbImage,
+    ImageFormat, ImageReader, Limits, RgbImage, RgbaImage,
 };
 use std::io::{Cursor, Error, Write};
 
@@ -75,9 +75,35 @@ fn read_other(bytes: &[u8]) -> Result<ColorImage, FormatError> {
 /// # Errors
 /// As [`read_color`].
 pub fn read_gray(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
-    let gray = decode(bytes)?.into_luma8();
+    gray_of(decode(bytes)?)
+}
+
+fn gray_of(image: DynamicImage) -> Result<Raster<u8>, FormatError> {
+    let gray = image.into_luma8();
     let (width, height) = gray.dimensions();
     Raster::from_values(width, height, gray.into_raw()).map_err(FormatError::at("image"))
+}
+
+/// Reads where a mask leaves surface: its opacity; its luminance where it states none or is opaque throughout, as
+/// many tools write an alpha channel beside a mask in grey.
+///
+/// # Errors
+/// As [`read_gray`].
+pub fn read_cutout(bytes: &[u8]) -> Result<Raster<u8>, FormatError> {
+    let image = decode(bytes)?;
+    if image.color().has_alpha() {
+        let alpha = channel_of(&image.to_rgba8(), 3)?;
+        if alpha.values().iter().any(|&level| level < 255) {
+            return Ok(alpha);
+        }
+    }
+    gray_of(image)
+}
+
+fn channel_of(image: &RgbaImage, place: usize) -> Result<Raster<u8>, FormatError> {
+    let (width, height) = image.dimensions();
+    let values = image.pixels().map(|pixel| pixel.0[place]).collect();
+    Raster::from_values(width, height, values).map_err(FormatError::at("image"))
 }
 
 /// One of the numbers of a pixel.
@@ -111,11 +137,7 @@ pub fn read_channel(bytes: &[u8], channel: Channel) -> Result<Option<Raster<u8>>
     if channel == Channel::Alpha && !image.color().has_alpha() {
         return Ok(None);
     }
-    let rgba = image.into_rgba8();
-    let (width, height) = rgba.dimensions();
-    let values = rgba.pixels().map(|pixel| pixel.0[place]).collect();
-    let raster = Raster::from_values(width, height, values);
-    raster.map(Some).map_err(FormatError::at("image"))
+    channel_of(&image.into_rgba8(), place).map(Some)
 }
 
 /// The (width, height) that a JPEG or PNG states, without decoding it.

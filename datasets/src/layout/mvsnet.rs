@@ -165,6 +165,12 @@ fn list_cams(folder: &Path) -> Result<BTreeMap<u32, PathBuf>> {
     Ok(cams)
 }
 
+/// Whether a name is that of some view's depth map: eight digits or more and `.pfm`.
+pub fn is_depth_name(name: &str) -> bool {
+    let number = name.strip_suffix(".pfm").unwrap_or_default();
+    number.len() >= 8 && number.bytes().all(|byte| byte.is_ascii_digit())
+}
+
 /// The view id in a name like `00000012_cam.txt`.
 fn id_of(name: &str) -> Option<u32> {
     let digits = name.strip_suffix("_cam.txt")?;

@@ -103,8 +103,7 @@ impl Wanted {
     }
 }
 
-/// Where there is surface: by `channel`, else by alpha, which many tools write opaque throughout beside a
-/// mask in grey.
+/// Where there is surface: by `channel`, else as [`image::read_cutout`] has it.
 fn read_mask(bytes: &[u8], channel: Option<Channel>) -> Result<Raster<u8>, FormatError> {
     if let Some(channel) = channel {
         return image::read_channel(bytes, channel)?.ok_or_else(|| {
@@ -112,11 +111,7 @@ fn read_mask(bytes: &[u8], channel: Option<Channel>) -> Result<Raster<u8>, Forma
             FormatError::new("image", problem)
         });
     }
-    let alpha = image::read_channel(bytes, Channel::Alpha)?;
-    match alpha.filter(|alpha| alpha.values().iter().any(|&level| level < 255)) {
-        Some(alpha) => Ok(alpha),
-        None => image::read_gray(bytes),
-    }
+    image::read_cutout(bytes)
 }
 
 enum Image {

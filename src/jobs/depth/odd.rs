@@ -53,11 +53,7 @@ pub(super) fn strays(job: &DepthJob, views: &[View]) -> Result<Option<Warning>> 
         .collect();
     let names = sorted_entries(&job.estimates)?.into_iter();
     let names = names.filter_map(|path| Some(path.file_name()?.to_str()?.to_owned()));
-    let is_stray = |name: &String| {
-        let number = name.strip_suffix(".pfm").unwrap_or_default();
-        let is_number = number.len() >= 8 && number.bytes().all(|byte| byte.is_ascii_digit());
-        is_number && !wanted.contains(name)
-    };
+    let is_stray = |name: &String| mvsnet::is_depth_name(name) && !wanted.contains(name);
     let strays: Vec<String> = names.filter(is_stray).collect();
     Ok(strays.first().map(|first| {
         let message = format!(

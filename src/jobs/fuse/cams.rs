@@ -78,9 +78,7 @@ pub(super) fn warn_of_strays(
     let known: BTreeSet<&Path> = entries.iter().map(|entry| entry.depth.as_path()).collect();
     let is_stray = |path: &&Path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let number = name.strip_suffix(".pfm").unwrap_or_default();
-        let is_number = number.len() >= 8 && number.bytes().all(|byte| byte.is_ascii_digit());
-        is_number && path.parent() == Some(&*job.depths) && !known.contains(path)
+        mvsnet::is_depth_name(&name) && path.parent() == Some(&*job.depths) && !known.contains(path)
     };
     let strays: BTreeSet<&Path> = files.iter().copied().filter(is_stray).collect();
     if let Some(first) = strays.first() {
