@@ -39,14 +39,15 @@ pub enum CameraSource {
     Log,
 }
 
-impl std::fmt::Display for CameraSource {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Cams => "cams",
-            Self::Colmap => "a COLMAP model",
-            Self::Transforms => "a transforms.json",
-            Self::Log => "a .log",
-        })
+impl CameraSource {
+    /// What people call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cams => "MVSNet cameras",
+            Self::Colmap => "COLMAP model",
+            Self::Transforms => "transforms.json",
+            Self::Log => "camera trajectory",
+        }
     }
 }
 
@@ -117,7 +118,9 @@ fn read_with_points(path: &Path, options: &CamerasOptions, points: Points) -> Re
     }
     for (other, place) in found {
         notes.push(format!(
-            "took {source}; {} holds {other} too",
+            "took the {}, not the {} in {}",
+            source.name(),
+            other.name(),
             place.display()
         ));
     }

@@ -25,12 +25,12 @@ pub(super) fn inspect(job: &InspectJob) -> Answer {
     };
     let read = cameras::inspect_scene(&job.path, &options)?;
     if open != LeftOpen::default() {
-        return Ok((source_name(read.source), open_facts(read, open)));
+        return Ok((read.source.name(), open_facts(read, open)));
     }
     if read.source == CameraSource::Cams {
         return inspect_cams(job, read);
     }
-    Ok((source_name(read.source), camera_facts(read)))
+    Ok((read.source.name(), camera_facts(read)))
 }
 
 /// Cams do not know their images' sizes: they are taken from the images where the folder has some.
@@ -40,7 +40,7 @@ fn inspect_cams(job: &InspectJob, mut read: ReadCameras) -> Answer {
         let mut facts = camera_facts(read);
         let text = "no images beside the cams: their size is taken as twice the principal point";
         facts.push(fact("note", text));
-        return Ok((source_name(CameraSource::Cams), facts));
+        return Ok((CameraSource::Cams.name(), facts));
     };
     let from = first.display().to_string();
     let mut unreadable = None;
@@ -66,7 +66,7 @@ fn inspect_cams(job: &InspectJob, mut read: ReadCameras) -> Answer {
         },
     ));
     facts.extend(notes.into_iter().map(|note| fact("note", note)));
-    Ok((source_name(CameraSource::Cams), facts))
+    Ok((CameraSource::Cams.name(), facts))
 }
 
 /// Each view's depth map among the cams, or its image in their folder or beside it.
@@ -129,15 +129,6 @@ fn size_notes(scene: &Scene, (given, taken): (&[Option<Size>], &[Option<Size>]))
         ));
     }
     notes
-}
-
-fn source_name(source: CameraSource) -> &'static str {
-    match source {
-        CameraSource::Cams => "MVSNet cameras",
-        CameraSource::Colmap => "COLMAP model",
-        CameraSource::Transforms => "transforms.json",
-        CameraSource::Log => "camera trajectory",
-    }
 }
 
 fn camera_facts(read: ReadCameras) -> Vec<Fact> {

@@ -176,7 +176,7 @@ fn the_real_scene_is_the_same_in_three_descriptions() {
     let cams = read_scene(&folder, &integer).unwrap();
     assert_eq!(cams.source, CameraSource::Cams);
     assert!(
-        cams.notes[0].contains("colmap holds a COLMAP model too"),
+        cams.notes[0].contains("not the COLMAP model in") && cams.notes[0].ends_with("colmap"),
         "{:?}",
         cams.notes
     );
