@@ -560,5 +560,9 @@ mod tests {
         assert_as_oracle(&points[..1], &queries, "one point");
         assert_as_oracle(&points[..17], &queries[..1], "one query");
         assert_as_oracle(&points, &points, "itself");
+        let surface = flattened(&points);
+        let larger: Vec<DVec3> = flattened(&queries).iter().map(|&p| p * 100.0).collect();
+        assert_as_oracle(&surface, &larger, "a larger unit");
+        assert_as_oracle(&larger, &surface, "a smaller unit");
     }
 }

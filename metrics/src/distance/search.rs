@@ -63,8 +63,13 @@ pub(super) fn squares(block: &Block, query: DVec3) -> [f64; LANES] {
     squares
 }
 
-/// Shows to `found` every block that its bounds do not rule out. `corners` is the box around the
-/// queries that have a bound above 0.
+/// Blocks that a group of queries looks at together in any case. Where from there on less than one
+/// query is near enough to a block, on average, the group is wide beside the boxes, as among points of
+/// another unit, and says little of what each query needs.
+const SHARED: usize = 64;
+
+/// Shows to `found` every block that its bounds do not rule out for the queries of `asks`. `corners`
+/// is the box around the queries that have a bound above 0.
 ///
 /// The block of number `hint` is looked at first: one near the queries saves detours. Returns the
 /// nearest block, a good hint for neighbouring queries.
@@ -72,13 +77,74 @@ pub(super) fn squares(block: &Block, query: DVec3) -> [f64; LANES] {
 pub(super) fn walk<C: Coordinate>(
     width: impl Width,
     index: &BlockIndex<C>,
-    queries: &Block,
+    (queries, asks): (&Block, u32),
     corners: Corners,
     hint: usize,
     found: &mut impl Found,
 ) -> usize {
-    let mut reach = scan(width, index, hint, queries, farthest(found.bounds()), found);
-    let mut nearest = None;
+    scan(width, index, hint, queries, found);
+    let (mut nearest, mut blocks, mut met) = (None, 0, 0);
+    let reach = farthest(found.bounds());
+    let all = descend(index, corners, reach, |number, reach| {
+        nearest = nearest.or(Some(number));
+        if number == hint {
+            return Some(reach);
+        }
+        let lanes = scan(width, index, number, queries, found);
+        blocks += 1;
+        met += lanes;
+        match lanes {
+            _ if blocks > SHARED && met < blocks => None,
+            0 => Some(reach),
+            _ => Some(farthest(found.bounds())),
+        }
+    });
+    let nearest = nearest.unwrap_or(hint);
+    if all {
+        return nearest;
+    }
+    walk_apart(width, index, (queries, asks), nearest, found)
+}
+
+/// As [`walk`], each query by itself.
+#[inline(never)]
+fn walk_apart<C: Coordinate>(
+    width: impl Width,
+    index: &BlockIndex<C>,
+    (queries, asks): (&Block, u32),
+    mut hint: usize,
+    found: &mut impl Found,
+) -> usize {
+    for lane in (0..LANES).filter(|lane| asks >> lane & 1 == 1) {
+        let query = queries.point(lane);
+        let mut meet = |number| {
+            let mut room = Block::EMPTY;
+            let block = C::widened(index.block(number), &mut room);
+            found.meet(width, number, block, lane, query);
+            found.bounds()[lane]
+        };
+        let (reach, mut nearest) = (meet(hint), hint);
+        descend(index, (query, query), reach, |number, reach| {
+            let closer = if number == hint { reach } else { meet(number) };
+            if closer < reach {
+                nearest = number;
+            }
+            Some(closer)
+        });
+        hint = nearest;
+    }
+    hint
+}
+
+/// Gives the blocks nearer to a box than a squared reach, mostly the nearest first, to `scan`, which
+/// returns the reach from there on, or nothing to stop; whether it was not stopped.
+#[inline(always)]
+fn descend<C: Coordinate>(
+    index: &BlockIndex<C>,
+    corners: Corners,
+    mut reach: f64,
+    mut scan: impl FnMut(usize, f64) -> Option<f64>,
+) -> bool {
     let root = Visit {
         gap: 0.0,
         level: index.levels().len() as u32,
@@ -94,9 +160,9 @@ pub(super) fn walk<C: Coordinate>(
         }
         let number = visit.index as usize;
         if visit.level == 0 {
-            nearest = nearest.or(Some(number));
-            if number != hint {
-                reach = scan(width, index, number, queries, reach, found);
+            match scan(number, reach) {
+                Some(closer) => reach = closer,
+                None => return false,
             }
             continue;
         }
@@ -122,19 +188,18 @@ pub(super) fn walk<C: Coordinate>(
             open &= open - 1;
         }
     }
-    nearest.unwrap_or(hint)
+    true
 }
 
-/// Shows a block to `found` for the queries that may be near enough; the reach after that.
+/// Shows a block to `found` for the queries that may be near enough; how many these are.
 #[inline(always)]
 fn scan<C: Coordinate>(
     width: impl Width,
     index: &BlockIndex<C>,
     number: usize,
     queries: &Block,
-    reach: f64,
     found: &mut impl Found,
-) -> f64 {
+) -> usize {
     let (min, max) = index.levels()[0][number / FANOUT].child(number % FANOUT);
     let bounds = found.bounds();
     let mut bits = [0u64; LANES];
@@ -146,8 +211,9 @@ fn scan<C: Coordinate>(
         bits[lane] = if gap < bounds[lane] { 1 << lane } else { 0 };
     }
     let mut open = joined(&bits);
-    if open == 0 {
-        return reach;
+    let lanes = open.count_ones() as usize;
+    if lanes == 0 {
+        return 0;
     }
     let mut room = Block::EMPTY;
     let block = C::widened(index.block(number), &mut room);
@@ -156,7 +222,7 @@ fn scan<C: Coordinate>(
         found.meet(width, number, block, lane, queries.point(lane));
         open &= open - 1;
     }
-    farthest(found.bounds())
+    lanes
 }
 
 /// All bits of the lanes. Lanes are as wide as distances, for their masks.

@@ -151,7 +151,9 @@ impl Neighbourhood {
     ) {
         let asked = Asked::of(&[*group], std::slice::from_ref(found), within);
         if asked.count > 0 {
-            self.hint = walk(width, index, group.0, asked.corners, self.hint, found);
+            let asks = split(found.bounds(), within).1;
+            let queries = (group.0, asks);
+            self.hint = walk(width, index, queries, asked.corners, self.hint, found);
         }
     }
 }
@@ -241,7 +243,7 @@ impl Boxes {
             } else {
                 let asked = around_lanes(queries, asks);
                 let hint = self.numbers[near.places[0] as usize % MOST] as usize;
-                walk(width, index, queries, asked, hint, found);
+                walk(width, index, (queries, asks), asked, hint, found);
             }
         }
     }
