@@ -479,6 +479,7 @@ mod tests {
         assert_eq!(stages, [("hashing, MiB".to_owned(), 1024)]);
     }
 
+    #[cfg(unix)]
     #[test]
     fn own_files_are_left_out_by_whatever_path_and_nothing_else_is() {
         let folder = tempfile::tempdir().unwrap();

@@ -198,10 +198,11 @@ fn as_table(document: &ScoreDocument) -> comfy_table::Table {
         rows.push(("F-score", format!("{:.4}", at.f_score)));
     }
     let funnel = |side: &mvs_eval::score::SideCounts| {
-        format!(
-            "{} read, {} in the crop, {} judged",
-            side.input, side.cropped, side.evaluated
-        )
+        let cropped = match document.inputs.crop {
+            Some(_) => format!(", {} in the crop", side.cropped),
+            None => String::new(),
+        };
+        format!("{} read{cropped}, {} judged", side.input, side.evaluated)
     };
     rows.push(("reconstruction", funnel(reconstruction)));
     rows.push(("truth", funnel(truth)));

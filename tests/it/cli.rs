@@ -7,10 +7,12 @@ use mvs_datasets::scene::ColorImage;
 use std::fs;
 use std::path::Path;
 
+#[cfg(target_os = "linux")] // /dev/full
 mod answers;
 mod help;
 mod inspect;
 mod refusals;
+mod table;
 
 /// The run fails with exit code 2 and one line of error that says all of `parts`.
 fn assert_refused(arguments: &[&str], parts: &[&str]) {

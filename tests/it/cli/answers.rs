@@ -3,7 +3,6 @@
 use super::*;
 
 /// A disk that is full, as the system offers one: what failed is said, and that the result is there.
-#[cfg(target_os = "linux")]
 #[test]
 fn an_answer_that_cannot_be_written_is_said_to_be_for_stdout() {
     let scene = small_scene();
