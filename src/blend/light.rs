@@ -1,5 +1,7 @@
 //! Values that are blended: 8-bit sRGB as they are, or light proportional to energy.
 
+use mvs_datasets::scene::srgb::{encoded_f32, linear_f32};
+
 /// What is added and filtered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Light {
@@ -17,7 +19,7 @@ impl Light {
             let encoded = level as f32;
             match self {
                 Self::Encoded => encoded,
-                Self::Linear => 255.0 * linear(encoded / 255.0),
+                Self::Linear => 255.0 * linear_f32(encoded / 255.0),
             }
         })
     }
@@ -26,26 +28,8 @@ impl Light {
     pub(super) fn encode(self, value: f32) -> f32 {
         match self {
             Self::Encoded => value,
-            Self::Linear => 255.0 * encoded(value.clamp(0.0, 255.0) / 255.0),
+            Self::Linear => 255.0 * encoded_f32(value.clamp(0.0, 255.0) / 255.0),
         }
-    }
-}
-
-/// Linear light of an sRGB value, both 0 to 1 (IEC 61966-2-1).
-fn linear(encoded: f32) -> f32 {
-    if encoded <= 0.04045 {
-        encoded / 12.92
-    } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
-    }
-}
-
-/// The sRGB value of linear light, both 0 to 1.
-fn encoded(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 {
-        12.92 * linear
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
 }
 

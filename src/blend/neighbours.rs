@@ -59,7 +59,7 @@ impl Weights {
             .take_while(|&gain| gain > 1e-12)
             .collect();
         let cosines: Vec<f64> = (0..period)
-            .map(|at| (TAU * at as f64 / period as f64).cos())
+            .map(|at| libm::cos(TAU * at as f64 / period as f64))
             .collect();
         #[allow(
             clippy::cast_precision_loss,

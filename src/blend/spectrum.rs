@@ -38,7 +38,7 @@ impl std::fmt::Debug for LowPass {
 pub(super) fn gain(bin: usize, d0: f64) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "bins are far below 2^53")]
     let bin = bin as f64;
-    (-bin * bin / (2.0 * d0)).exp()
+    libm::exp(-bin * bin / (2.0 * d0))
 }
 
 impl LowPass {
@@ -189,7 +189,7 @@ mod tests {
                 (0..length)
                     .map(|u| {
                         let angle = TAU * (u * x) as f64 / length as f64;
-                        gain(u.min(length - u), d0) * angle.cos() / length as f64
+                        gain(u.min(length - u), d0) * libm::cos(angle) / length as f64
                     })
                     .sum()
             };

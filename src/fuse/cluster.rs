@@ -120,7 +120,7 @@ pub(super) fn fuse_clusters(
         sightings: vec![(0, None); count],
         cluster: 0,
         max_pixel2: options.max_pixel_error * options.max_pixel_error,
-        min_cosine: options.max_normal_angle.to_radians().cos(),
+        min_cosine: libm::cos(options.max_normal_angle.to_radians()),
         room: Room::default(),
     };
     inputs.progress.begin("clustering", count as u64);

@@ -41,7 +41,9 @@ impl Bounds {
     pub(super) fn new(view: &View, options: &FuseOptions) -> Self {
         let focal = 0.5 * (view.camera.focal().x + view.camera.focal().y);
         let tight = match options.wide_angle {
-            angle if angle > 0.0 => options.max_pixel_error / (focal * angle.to_radians().tan()),
+            angle if angle > 0.0 => {
+                options.max_pixel_error / (focal * libm::tan(angle.to_radians()))
+            }
             _ => 0.0,
         };
         Self {

@@ -120,7 +120,7 @@ fn blurred(values: &Raster<[f32; 3]>, direction: BlurDirection) -> Result<Raster
         BlurDirection::DiagonalUp => (1, -1),
     };
     #[allow(clippy::cast_precision_loss, reason = "1 or 2")]
-    let side = (-((dx * dx + dy * dy) as f32) / (2.0 * 9.0 / 16.0)).exp();
+    let side = libm::expf(-((dx * dx + dy * dy) as f32) / (2.0 * 9.0 / 16.0));
     let centre = 1.0 / (1.0 + 2.0 * side);
     let at =
         |column: i64, row: i64| values.get(reflect_101(column, width), reflect_101(row, height));

@@ -62,7 +62,7 @@ impl PairOptions {
         } else {
             self.sigma_above
         };
-        (-(angle - self.best_angle).powi(2) / (2.0 * sigma * sigma)).exp()
+        libm::exp(-(angle - self.best_angle).powi(2) / (2.0 * sigma * sigma))
     }
 }
 
@@ -332,7 +332,7 @@ fn compare<'a>(
 pub(super) fn angle_at(point: DVec3, (first, second): (DVec3, DVec3)) -> f64 {
     let (a, b) = (first - point, second - point);
     // atan2 of sine and cosine: right to the last digit at small angles, never NaN.
-    a.cross(b).length().atan2(a.dot(b)).to_degrees()
+    libm::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
 /// How far, relative to its distance, the surface itself may stand before the point looked at.

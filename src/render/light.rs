@@ -1,31 +1,16 @@
 //! 8-bit sRGB values and linear light, for the places where light is multiplied or mixed.
 
 use glam::Vec3;
+use mvs_datasets::scene::srgb::{encoded_f32, linear_f32};
 
-/// Linear light in 0…1 of 8-bit sRGB values (IEC 61966-2-1).
+/// Linear light in 0…1 of 8-bit sRGB values.
 pub(crate) fn to_linear(color: Vec3) -> Vec3 {
-    let linear = |level: f32| {
-        let value = level / 255.0;
-        if value <= 0.040_45 {
-            value / 12.92
-        } else {
-            libm::powf((value + 0.055) / 1.055, 2.4)
-        }
-    };
-    Vec3::new(linear(color.x), linear(color.y), linear(color.z))
+    (color / 255.0).map(linear_f32)
 }
 
 /// The inverse of [`to_linear`].
 pub(crate) fn to_srgb(light: Vec3) -> Vec3 {
-    let level = |value: f32| {
-        255.0
-            * if value <= 0.003_130_8 {
-                value * 12.92
-            } else {
-                1.055 * libm::powf(value, 1.0 / 2.4) - 0.055
-            }
-    };
-    Vec3::new(level(light.x), level(light.y), level(light.z)).clamp(Vec3::ZERO, Vec3::splat(255.0))
+    (255.0 * light.map(encoded_f32)).clamp(Vec3::ZERO, Vec3::splat(255.0))
 }
 
 #[cfg(test)]

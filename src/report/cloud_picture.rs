@@ -31,7 +31,7 @@ pub fn draw(cloud: &ErrorCloud<'_>, width: u32, height: u32) -> Result<ColorImag
     let high = shown().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
     let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
     let middle = (low + high) / 2.0;
-    let (sy, cy, sp, cp) = (YAW.sin(), YAW.cos(), PITCH.sin(), PITCH.cos());
+    let ((sy, cy), (sp, cp)) = (libm::sincos(YAW), libm::sincos(PITCH));
     let axes = [
         dvec3(-sy, cy, 0.0),
         dvec3(-sp * cy, -sp * sy, cp),

@@ -59,7 +59,7 @@ pub fn depth(value: f64) -> [u8; 3] {
     let lightness = 0.12 + 0.80 * value.clamp(0.0, 1.0);
     let angle = std::f64::consts::TAU * (0.5 / 3.0 + 1.0 - 0.85 * lightness);
     let strength = 1.35 * lightness * (1.0 - lightness) / 2.0;
-    let (sin, cos) = angle.sin_cos();
+    let (sin, cos) = libm::sincos(angle);
     [
         byte(lightness + strength * (-0.14861 * cos + 1.78277 * sin)),
         byte(lightness + strength * (-0.29227 * cos - 0.90649 * sin)),

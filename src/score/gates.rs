@@ -282,9 +282,9 @@ pub(crate) fn unit_guess(reconstruction: &Aabb, truth: &Aabb) -> Option<&'static
     if !ratio.is_finite() || (1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&ratio) {
         return None;
     }
-    let far = |unit: f64| (ratio / unit).ln().abs();
+    let far = |unit: f64| libm::log(ratio / unit).abs();
     let best = UNITS.iter().min_by(|a, b| far(a.0).total_cmp(&far(b.0)));
-    let near = best.filter(|(unit, _)| far(*unit) < LIKE_UNIT.ln());
+    let near = best.filter(|(unit, _)| far(*unit) < libm::log(LIKE_UNIT));
     near.map(|&(_, name)| name)
 }
 

@@ -219,9 +219,7 @@ fn run_stage<C: Coordinate>(
         inlier_rmse: found.inlier_rmse,
         iterations: found.iterations,
         converged: found.converged,
-        scale: DMat3::from_mat4(found.target_from_source)
-            .determinant()
-            .cbrt(),
+        scale: libm::cbrt(DMat3::from_mat4(found.target_from_source).determinant()),
         truth_from_reconstruction: found.target_from_source * so_far,
     }
 }

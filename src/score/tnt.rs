@@ -211,7 +211,7 @@ pub fn start_scale(start: &Start, options: &Options) -> Result<f64> {
 
 /// The scale of a similarity.
 pub fn scale_of(motion: DMat4) -> f64 {
-    DMat3::from_mat4(motion).determinant().cbrt()
+    libm::cbrt(DMat3::from_mat4(motion).determinant())
 }
 
 /// Judges the reconstruction at `truth_from_reconstruction`: moved, cropped in the frame of the

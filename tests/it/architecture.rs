@@ -137,9 +137,15 @@ const fn rule(scope: &'static str, forbidden: &'static [&'static str]) -> Rule {
 
 /// The parts of `source` that count: no comments, nothing after the first line of unit tests.
 fn code_of(source: &str) -> String {
-    let tests = source
-        .find("#[cfg(test)]\nmod tests {")
-        .unwrap_or(source.len());
+    let is_tests = |&(_, marked): &(usize, &str)| {
+        let next = marked.lines().nth(1);
+        next.is_some_and(|line| line.contains("mod tests {"))
+    };
+    let marks = source.match_indices("#[cfg(test)]\n");
+    let mut marked = marks.map(|(place, _)| (place, &source[place..]));
+    let tests = marked
+        .find(is_tests)
+        .map_or(source.len(), |(place, _)| place);
     let lines = source[..tests].lines();
     lines
         .map(|line| line.split("//").next().unwrap_or_default())
@@ -190,22 +196,92 @@ fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-#[test]
-fn the_import_table_holds() {
+/// Functions that each system's library rounds in its own way.
+const SYSTEM_MATHS: &[&str] = &[
+    ".sin()",
+    ".cos()",
+    ".tan()",
+    ".sin_cos()",
+    ".asin()",
+    ".acos()",
+    ".atan()",
+    ".atan2(",
+    ".sinh()",
+    ".cosh()",
+    ".tanh()",
+    ".exp()",
+    ".exp2()",
+    ".exp_m1()",
+    ".ln()",
+    ".ln_1p()",
+    ".log(",
+    ".log2()",
+    ".log10()",
+    ".powf(",
+    ".cbrt()",
+    ".hypot(",
+];
+
+/// What in a source that is no test's rounds otherwise on other systems.
+fn system_maths(path: &str, source: &str) -> Vec<String> {
+    let in_tests = ["/tests.rs", "/testing.rs"]
+        .iter()
+        .any(|end| path.ends_with(end));
+    if in_tests || path.contains("tests/") || !path.contains("src/") {
+        return Vec::new();
+    }
+    let code = code_of(source);
+    let used = SYSTEM_MATHS.iter().filter(|&&name| code.contains(name));
+    used.map(|name| format!("{path} uses {name}: take it from libm, the same on every system"))
+        .collect()
+}
+
+/// What a check finds in all sources of the project.
+fn found_by(check: fn(&str, &str) -> Vec<String>) -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut files = Vec::new();
     rust_files(root, &mut files);
     assert!(files.len() > 40, "found only {} source files", files.len());
-    let mut broken = Vec::new();
-    for file in files {
-        let path = file
-            .strip_prefix(root)
-            .unwrap()
-            .to_string_lossy()
-            .replace('\\', "/");
-        broken.extend(violations(&path, &fs::read_to_string(&file).unwrap()));
-    }
+    let found = files.iter().flat_map(|file| {
+        let path = file.strip_prefix(root).unwrap().to_string_lossy();
+        let source = fs::read_to_string(file).unwrap();
+        check(&path.replace('\\', "/"), &source)
+    });
+    found.collect()
+}
+
+#[test]
+fn the_import_table_holds() {
+    let broken = found_by(violations);
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn results_take_no_maths_of_the_system() {
+    let broken = found_by(system_maths);
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+    for (path, source, found) in [
+        ("src/blend/light.rs", "let y = x.powf(2.4);", 1),
+        (
+            "datasets/src/scene/distortion.rs",
+            "(a.atan(), b.hypot(c))",
+            2,
+        ),
+        (
+            "src/blend/light.rs",
+            "let y = libm::powf(x, 2.4); // x.powf(2.4)",
+            0,
+        ),
+        ("src/blend/tests.rs", "let y = x.powf(2.4);", 0),
+        ("tests/it/extremes.rs", "x.sin()", 0),
+        (
+            "src/fuse/geo.rs",
+            "#[cfg(test)]\nmod tests { let x = 1.0.sin(); }",
+            0,
+        ),
+    ] {
+        assert_eq!(system_maths(path, source).len(), found, "{path}: {source}");
+    }
 }
 
 #[test]

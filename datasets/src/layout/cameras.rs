@@ -293,7 +293,7 @@ fn frame_view(frame: &Frame, id: u32, options: &CamerasOptions) -> Result<View> 
             "expected w and h in the file, found none: give --camera-size, the images' size";
         return Err(Error::invalid("camera", problem));
     };
-    let from_angle = |side: u32, angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
+    let from_angle = |side: u32, angle: f64| 0.5 * f64::from(side) / libm::tan(0.5 * angle);
     let [angle_x, angle_y] = frame.angles;
     let from_angles = angle_x.map(|angle| {
         let fx = from_angle(width, angle);

@@ -6,7 +6,7 @@ use super::mesh::ReadOptions;
 use crate::error::{Error, FormatError, Result};
 use crate::format::image::{self, Channel};
 use crate::parallel;
-use crate::scene::{ColorImage, Cutout, Material, Raster};
+use crate::scene::{ColorImage, Cutout, Material, Raster, srgb};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -190,12 +190,8 @@ fn scaled(mut image: ColorImage, factor: [u32; 3]) -> ColorImage {
     let tables = factor.map(|factor| {
         let factor = f64::from(factor) / 65536.0;
         std::array::from_fn::<u8, 256, _>(|level| {
-            let value = level as f64 / 255.0;
-            let linear = match value <= 0.040_45 {
-                true => value / 12.92,
-                false => ((value + 0.055) / 1.055).powf(2.4),
-            };
-            crate::format::gltf::byte_of_linear(linear * factor)
+            let light = srgb::linear(level as f64 / 255.0);
+            crate::format::gltf::byte_of_linear(light * factor)
         })
     });
     for pixel in image.values_mut() {

@@ -59,7 +59,7 @@ impl Distortion {
             Self::ThinPrismFisheye {
                 tangential, prism, ..
             } => {
-                let plane = ideal * (radius.atan() / radius);
+                let plane = ideal * (libm::atan(radius) / radius);
                 ideal * (self.profile(radius).0 / radius) + Shift(*tangential, *prism).at(plane)
             }
         }
@@ -110,12 +110,12 @@ impl Distortion {
                 (radius * factor, factor + radius * slope)
             }
             Self::FieldOfView { omega } => {
-                let scale = 2.0 * (0.5 * omega).tan();
+                let scale = 2.0 * libm::tan(0.5 * omega);
                 let slope = scale / (omega * (1.0 + (scale * radius).powi(2)));
-                ((scale * radius).atan() / omega, slope)
+                (libm::atan(scale * radius) / omega, slope)
             }
             Self::Fisheye { radial } | Self::ThinPrismFisheye { radial, .. } => {
-                let angle = radius.atan();
+                let angle = libm::atan(radius);
                 let a2 = angle * angle;
                 let [k1, k2, k3, k4] = *radial;
                 let value = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));

@@ -15,6 +15,7 @@ mod distortion;
 mod mesh;
 mod raster;
 mod similarity;
+pub mod srgb;
 mod undistort;
 mod view;
 mod volume;

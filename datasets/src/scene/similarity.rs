@@ -33,7 +33,7 @@ impl Similarity {
             return Err(Error::invalid("similarity transform", problem));
         }
         let linear = DMat3::from_mat4(target_from_source);
-        let scale = linear.determinant().cbrt();
+        let scale = libm::cbrt(linear.determinant());
         if !(scale.is_finite() && scale > 0.0) {
             let problem = format!("expected a scale above 0, found {scale}");
             return Err(Error::invalid("similarity transform", problem));

@@ -55,12 +55,12 @@ impl Distortion {
             Self::RadialTangential { tangential, .. } => {
                 (field_radius, [tangential[0], tangential[1], 0.0, 0.0])
             }
-            Self::Fisheye { .. } => (field_radius.atan(), [0.0; 4]),
+            Self::Fisheye { .. } => (libm::atan(field_radius), [0.0; 4]),
             Self::ThinPrismFisheye {
                 tangential: [p1, p2],
                 prism: [s1, s2],
                 ..
-            } => (field_radius.atan(), [p1, p2, s1, s2]),
+            } => (libm::atan(field_radius), [p1, p2, s1, s2]),
         };
         let shift: f64 = shifts.iter().map(|shift| 4.0 * shift.abs()).sum();
         // Room for the last half degree, in which a wide field's edge is not searched for.
@@ -105,7 +105,7 @@ impl Distortion {
             Self::Fisheye { .. } | Self::ThinPrismFisheye { .. } => {
                 let angle = length(found.x, found.y);
                 match angle > 0.0 {
-                    true if angle < FRAC_PI_2 => found * (angle.tan() / angle),
+                    true if angle < FRAC_PI_2 => found * (libm::tan(angle) / angle),
                     true => return None,
                     false => found,
                 }
@@ -122,7 +122,7 @@ impl Distortion {
         if let Self::Fisheye { .. } | Self::ThinPrismFisheye { .. } = self {
             let radius = start.length();
             if radius > 0.0 {
-                start *= radius.atan() / radius;
+                start *= libm::atan(radius) / radius;
             }
         }
         let ([x, y], [fits]) = bend.solve([[start.x], [start.y]], [[seen.x], [seen.y]]);
@@ -170,9 +170,9 @@ impl Distortion {
 /// The inverse of [`Distortion::FieldOfView`], which has a closed form.
 fn unfold(omega: f64, seen: DVec2, field_radius: f64) -> Option<DVec2> {
     let (radius, angle) = (seen.length(), omega * seen.length());
-    let scale = 2.0 * (0.5 * omega).tan();
+    let scale = 2.0 * libm::tan(0.5 * omega);
     let ideal = match radius > 0.0 {
-        true => seen * (angle.tan() / (scale * radius)),
+        true => seen * (libm::tan(angle) / (scale * radius)),
         false => seen * (omega / scale),
     };
     (angle < FRAC_PI_2 && ideal.length() <= field_radius * (1.0 + 1e-9)).then_some(ideal)

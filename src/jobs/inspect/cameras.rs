@@ -242,7 +242,7 @@ fn lens_text(views: &[View]) -> String {
     let angle = |corner: DVec2| {
         let ray = camera.ray(corner);
         ray.is_finite()
-            .then(|| ray.truncate().length().atan().to_degrees())
+            .then(|| libm::atan(ray.truncate().length()).to_degrees())
     };
     let reach: Vec<f64> = corners.into_iter().filter_map(angle).collect();
     let corner = match reach.iter().copied().reduce(f64::max) {

@@ -20,7 +20,7 @@ pub(super) fn short(value: f64) -> String {
     let text = if value.abs() >= 1.0 || value == 0.0 {
         format!("{value:.3}")
     } else {
-        let decimals = (3.0 - value.abs().log10().floor()).clamp(3.0, 20.0);
+        let decimals = (3.0 - libm::log10(value.abs()).floor()).clamp(3.0, 20.0);
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

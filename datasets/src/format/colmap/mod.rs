@@ -181,7 +181,7 @@ impl ColmapImage {
     /// A quaternion that is 0 or not finite, and a translation that is not finite.
     pub fn to_pose(&self) -> Result<Pose> {
         let [w, x, y, z] = self.rotation;
-        let length = w.hypot(x).hypot(y.hypot(z));
+        let length = libm::hypot(libm::hypot(w, x), libm::hypot(y, z));
         if !(length.is_finite() && length > 0.0) {
             let problem = format!(
                 "expected a rotation, found the quaternion {:?}",

@@ -3,6 +3,7 @@
 use super::GltfImage;
 use super::data::{self, Document};
 use super::wire::TextureUse;
+use crate::scene::srgb;
 use glam::Vec2;
 
 /// What triangles of a glTF are made of.
@@ -56,7 +57,7 @@ impl GltfTexture {
     /// What a coordinate of the file becomes, with (0, 0) at the bottom-left corner of the image.
     pub(super) fn placement(&self) -> impl Fn(Vec2) -> Vec2 + use<> {
         let (offset, angle, scale) = self.transform;
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = libm::sincos(angle);
         move |coord: Vec2| {
             let (u, v) = (f64::from(coord.x) * scale[0], f64::from(coord.y) * scale[1]);
             let x = cos * u + sin * v + offset[0];
@@ -171,12 +172,7 @@ pub(super) fn image_of(document: &Document<'_>, index: usize) -> Result<GltfImag
     }
 }
 
-/// Linear light in 0…1 as 8-bit sRGB (IEC 61966-2-1).
+/// Linear light in 0…1 as 8-bit sRGB.
 pub(crate) fn byte_of_linear(value: f64) -> u8 {
-    let encoded = if value <= 0.003_130_8 {
-        value * 12.92
-    } else {
-        1.055 * value.powf(1.0 / 2.4) - 0.055
-    };
-    super::super::obj::byte_of_fraction(encoded)
+    super::super::obj::byte_of_fraction(srgb::encoded(value))
 }
