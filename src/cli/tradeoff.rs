@@ -9,8 +9,10 @@ use std::path::PathBuf;
 
 /// Measure what the knobs of each stage cost and what they change
 ///
-/// Runs a grid of settings and writes tradeoff.csv (CPU time, peak memory, result and difference
-/// from the exact setting, Pareto front marked), tradeoff.svg and tradeoff.md (a sentence per knob).
+/// Runs a grid of settings and writes tradeoff.csv (CPU time with its spread, peak memory, result, difference
+/// from the exact setting, error and Pareto front), tradeoff.svg and tradeoff.md (a sentence per knob).
+/// The error is 1 - F for fused clouds, elsewhere the difference, with the ± of a sample on top. On the front are
+/// settings that no other beats in both: times within each other's spread are the same.
 /// A stage is measured where its inputs are given; those of all stages are read before the first is
 /// measured. Fusing that keeps no point has F = 0. Peak memory is the whole process's, with the inputs and
 /// what earlier settings left with it: a setting that needs less than that shows no less. Scoring thins
@@ -73,7 +75,7 @@ pub(crate) struct TradeoffArgs {
     /// Rendering and blending: at most so many views (default 3)
     #[arg(long)]
     views: Option<u32>,
-    /// Run every setting at least so often (default 3)
+    /// Run every setting in so many stretches of a tenth of a second or more; the median counts (default 3)
     #[arg(long)]
     repeats: Option<u32>,
     /// Seed of the queries, and of the points of meshes, that are drawn (default 0)

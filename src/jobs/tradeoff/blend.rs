@@ -92,7 +92,9 @@ pub(super) fn run(job: &TradeoffJob, progress: &dyn Progress) -> Result<Vec<Row>
         });
         progress.advance(1);
     }
-    Ok(rows(("blend", "RMSE"), measured, |knob, _| knob == "exact"))
+    Ok(rows(("blend", "RMSE"), None, measured, |knob, _| {
+        knob == "exact"
+    }))
 }
 
 fn read_view(folder: &BlendedFolder, view: &View) -> Result<Input> {

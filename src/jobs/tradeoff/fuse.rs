@@ -209,7 +209,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         ("wide angle", format!("{}°", default.wide_angle)),
         ("similar depth", default.similar_depth.to_string()),
     ];
-    Ok(rows(("fuse", "F"), measured, |knob, setting| {
+    Ok(rows(("fuse", "F"), Some(1.0), measured, |knob, setting| {
         defaults
             .iter()
             .any(|(of, value)| *of == knob && value == setting)

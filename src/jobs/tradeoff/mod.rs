@@ -65,7 +65,7 @@ pub struct TradeoffJob {
     pub pixel_center: PixelCentre,
     /// Rendering and blending: at most so many views, spread evenly.
     pub views: u32,
-    /// Every setting is run at least so often; the mean counts.
+    /// Every setting is run in so many stretches of a tenth of a second or more; the median counts.
     pub repeats: u32,
     /// Seed of the queries, and of the points of meshes, that are drawn.
     pub seed: u64,

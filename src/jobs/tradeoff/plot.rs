@@ -7,11 +7,11 @@ const PANEL: (f64, f64) = (440.0, 320.0);
 const MARGIN: (f64, f64) = (56.0, 44.0);
 const STYLE: &str = "text{font:12px system-ui,sans-serif;fill:#1d2733}.h{font-weight:600;font-size:14px}\
 .s{fill:#5d6b7a;font-size:11px}.p{fill:#ffffff}.a{stroke:#5d6b7a;fill:none}.d{fill:#9aa7b4}\
-.f{fill:#0369a1}.l{stroke:#0369a1;fill:none;stroke-dasharray:4 3}\
+.f{fill:#0369a1}.l{stroke:#0369a1;fill:none;stroke-dasharray:4 3}.t{stroke:#c8d0d8;fill:none}\
 @media(prefers-color-scheme:dark){text{fill:#e8edf2}.p{fill:#14181d}.s{fill:#9aa7b4}.f{fill:#38bdf8}\
-.l{stroke:#38bdf8}}";
+.l{stroke:#38bdf8}.t{stroke:#3a444f}}";
 
-/// The picture: across, time relative to the exact setting (logarithmic); up, |difference|
+/// The picture: across, time relative to the exact setting (logarithmic); up, the error
 /// (logarithmic, with what is below a thousandth of the largest on the floor). Settings on the
 /// Pareto front are filled and joined. `None` without rows.
 pub(super) fn svg(rows: &[Row]) -> Option<String> {
@@ -49,31 +49,53 @@ struct Axes {
 impl Axes {
     fn of(rows: &[&Row], exact: &Row) -> Self {
         let times: Vec<f64> = rows.iter().map(|row| row.seconds / exact.seconds).collect();
-        let differences = rows.iter().map(|row| row.difference.abs());
+        let errors = rows.iter().map(|row| row.error);
         Self {
             fastest: times.iter().copied().fold(1.0, f64::min),
             slowest: times.iter().copied().fold(1.0, f64::max),
-            largest: differences.fold(0.0, f64::max),
+            largest: errors.fold(0.0, f64::max),
             times,
         }
     }
 
-    fn places(&self, rows: &[&Row]) -> Vec<(f64, f64)> {
-        let (left, right) = ((0.8 * self.fastest).ln(), (1.25 * self.slowest).ln());
-        let (across, up) = (PANEL.0 - MARGIN.0 - 20.0, PANEL.1 - 2.0 * MARGIN.1);
-        let x = |time: f64| MARGIN.0 + across * (time.ln() - left) / (right - left);
-        let y = |error: f64| {
-            let share = if self.largest > 0.0 {
-                1.0 + (error / self.largest).log10() / 3.0
-            } else {
-                0.0
-            };
-            PANEL.1 - MARGIN.1 - up * share.clamp(0.0, 1.0)
+    /// Where a time is, across.
+    fn x(&self, time: f64) -> f64 {
+        let (left, right) = (
+            libm::log(0.8 * self.fastest),
+            libm::log(1.25 * self.slowest),
+        );
+        let across = PANEL.0 - MARGIN.0 - 20.0;
+        MARGIN.0 + across * (libm::log(time) - left) / (right - left)
+    }
+
+    /// Where an error is, up.
+    fn y(&self, error: f64) -> f64 {
+        let share = match self.largest > 0.0 {
+            true => 1.0 + libm::log10(error / self.largest) / 3.0,
+            false => 0.0,
         };
+        PANEL.1 - MARGIN.1 - (PANEL.1 - 2.0 * MARGIN.1) * share.clamp(0.0, 1.0)
+    }
+
+    fn places(&self, rows: &[&Row]) -> Vec<(f64, f64)> {
         let rows = rows.iter().zip(&self.times);
-        rows.map(|(row, &time)| (x(time), y(row.difference.abs())))
+        rows.map(|(row, &time)| (self.x(time), self.y(row.error)))
             .collect()
     }
+}
+
+/// The numbers 1, 2 and 5 times a power of ten, or the powers alone, within a range above 0.
+fn ticks((low, high): (f64, f64), factors: &[f64]) -> Vec<f64> {
+    #[allow(clippy::cast_possible_truncation, reason = "between -324 and 309")]
+    let decade = |value: f64| libm::log10(value).floor() as i32;
+    let decades = decade(low)..=decade(high);
+    let all = decades.flat_map(|decade| {
+        factors
+            .iter()
+            .map(move |factor| format!("{factor}e{decade}"))
+    });
+    let all = all.filter_map(|text| text.parse().ok());
+    all.filter(|tick| (low..=high).contains(tick)).collect()
 }
 
 fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
@@ -98,28 +120,51 @@ fn panel(text: &mut String, stage: &str, rows: &[&Row]) -> Option<()> {
 }
 
 fn frame(text: &mut String, (stage, measure): (&str, &str), axes: &Axes) {
-    let Axes {
-        fastest,
-        slowest,
-        largest,
-        ..
-    } = axes;
+    let (left, right) = (MARGIN.0, PANEL.0 - 20.0);
     let (bottom, top) = (PANEL.1 - MARGIN.1, MARGIN.1);
+    let up = match stage {
+        "fuse" => format!("1 − {measure}"),
+        _ => format!("error of {measure}"),
+    };
     let _ = writeln!(
         text,
-        "<text class=\"h\" x=\"{}\" y=\"24\">{stage}</text>\n\
-         <path class=\"a\" d=\"M{} {top}V{bottom}H{}\"/>\n\
-         <text class=\"s\" x=\"{}\" y=\"{}\" text-anchor=\"end\">time / exact: {fastest:.2} … {slowest:.2}</text>\n\
-         <text class=\"s\" x=\"6\" y=\"{top}\">{largest:.1e}</text>\n\
-         <text class=\"s\" x=\"6\" y=\"{bottom}\">≤{:.0e}</text>\n\
-         <text class=\"s\" x=\"{}\" y=\"24\" text-anchor=\"end\">|Δ{measure}|</text>",
-        MARGIN.0,
-        MARGIN.0,
-        PANEL.0 - 20.0,
-        PANEL.0 - 20.0,
-        PANEL.1 - 14.0,
-        largest / 1000.0,
-        PANEL.0 - 20.0,
+        "<text class=\"h\" x=\"{left}\" y=\"24\">{stage}</text>\n\
+         <text class=\"s\" x=\"{right}\" y=\"24\" text-anchor=\"end\">{up} against time, logarithmic</text>\n\
+         <text class=\"s\" x=\"{right}\" y=\"{}\" text-anchor=\"end\">CPU time, exact = 1</text>",
+        PANEL.1 - 10.0,
+    );
+    let many = axes.slowest > 10.0 * axes.fastest;
+    let factors: &[f64] = if many { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    for time in ticks((0.8 * axes.fastest, 1.25 * axes.slowest), factors) {
+        let _ = writeln!(
+            text,
+            "<path class=\"t\" d=\"M{0:.1} {top}V{bottom}\"/><text class=\"s\" x=\"{0:.1}\" y=\"{1}\" \
+             text-anchor=\"middle\">{time}</text>",
+            axes.x(time),
+            bottom + 15.0,
+        );
+    }
+    let floor = axes.largest / 1000.0;
+    let errors = match axes.largest > 0.0 {
+        true => ticks((1.05 * floor, axes.largest), &[1.0]),
+        false => Vec::new(),
+    };
+    for error in errors {
+        let _ = writeln!(
+            text,
+            "<path class=\"t\" d=\"M{left} {0:.1}H{right}\"/><text class=\"s\" x=\"{1}\" y=\"{2:.1}\" \
+             text-anchor=\"end\">{error}</text>",
+            axes.y(error),
+            left - 6.0,
+            axes.y(error) + 4.0,
+        );
+    }
+    let _ = writeln!(
+        text,
+        "<path class=\"a\" d=\"M{left} {top}V{bottom}H{right}\"/>\n\
+         <text class=\"s\" x=\"{}\" y=\"{}\" text-anchor=\"end\">≤{floor:.0e}</text>",
+        left - 6.0,
+        bottom + 4.0,
     );
 }
 
@@ -148,6 +193,12 @@ fn dots(text: &mut String, rows: &[&Row], places: &[(f64, f64)]) {
             area.left,
             area.bottom - 3.0
         );
+        if let Some(((x, y), (end, height))) = area.leader(at) {
+            let _ = writeln!(
+                text,
+                "<path class=\"t\" d=\"M{x:.1} {y:.1}L{end:.1} {height:.1}\"/>"
+            );
+        }
         taken.push(area);
     }
 }
@@ -196,6 +247,13 @@ impl Area {
             .find(|area| !taken.iter().any(|other| area.overlaps(other)))
     }
 
+    /// From a dot to a name that does not stand right beside it.
+    fn leader(&self, (x, y): (f64, f64)) -> Option<((f64, f64), (f64, f64))> {
+        let middle = 0.5 * (self.top + self.bottom);
+        let end = if self.left > x { self.left } else { self.right };
+        ((middle - y).abs() > 1.0).then_some(((x, y), (end, middle)))
+    }
+
     fn overlaps(&self, other: &Self) -> bool {
         self.left < other.right
             && other.left < self.right
@@ -212,10 +270,19 @@ mod tests {
     #[test]
     fn every_row_has_its_place_and_the_front_is_filled() {
         let text = svg(&some()).unwrap();
-        assert_eq!(text.matches("<circle class=\"f\"").count(), 2);
+        assert_eq!(text.matches("<circle class=\"f\"").count(), 3);
         assert_eq!(text.matches("<circle class=\"d\"").count(), 2);
         assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
         assert!(svg(&[]).is_none());
+    }
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        assert_eq!(
+            ticks((0.04, 2.5), &[1.0, 2.0, 5.0]),
+            [0.05, 0.1, 0.2, 0.5, 1.0, 2.0]
+        );
+        assert_eq!(ticks((3e-5, 0.02), &[1.0]), [1e-4, 1e-3, 1e-2]);
     }
 
     #[test]

@@ -86,7 +86,7 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         context.progress.advance(1);
     }
     let default = RenderOptions::default().samples.to_string();
-    Ok(rows(("render", "RMSE"), measured, |knob, setting| {
+    Ok(rows(("render", "RMSE"), None, measured, |knob, setting| {
         knob == "samples" && setting == default
     }))
 }

@@ -131,7 +131,9 @@ pub(super) fn run(job: &TradeoffJob, context: &Context<'_>) -> Result<Vec<Row>> 
         });
         progress.advance(1);
     }
-    Ok(rows(("score", "F"), measured, |knob, _| knob == "exact"))
+    Ok(rows(("score", "F"), None, measured, |knob, setting| {
+        (knob, setting) == ("voxel", "none")
+    }))
 }
 
 impl Pair {
