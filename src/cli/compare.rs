@@ -2,7 +2,7 @@ use super::common::{Global, Verdict, resolve, with_context};
 use super::output::{answer, table};
 use clap::Args;
 use mvs_eval::jobs::compare::{self, CompareJob};
-use mvs_eval::report::compare::Outcome;
+use mvs_eval::report::compare::{Difference, Outcome};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -43,10 +43,11 @@ pub(crate) fn run(args: &CompareArgs, global: &Global) -> anyhow::Result<Verdict
                 Outcome::Better => "better",
                 Outcome::Worse => "worse",
             };
+            let [before, after] = shown(difference);
             table.add_row([
                 difference.cell.clone(),
-                format!("{:.4}", difference.before),
-                format!("{:.4}", difference.after),
+                before,
+                after,
                 format!("{:.4}", difference.uncertainty),
                 outcome.to_owned(),
             ]);
@@ -60,4 +61,38 @@ pub(crate) fn run(args: &CompareArgs, global: &Global) -> anyhow::Result<Verdict
         table
     })?;
     Ok(Verdict::failed_if(comparison.is_regression()))
+}
+
+/// Both F-scores with four decimals, or with all where four do not show that they differ.
+fn shown(difference: &Difference) -> [String; 2] {
+    let both = [difference.before, difference.after];
+    let short = both.map(|value| format!("{value:.4}"));
+    match difference.outcome != Outcome::Same && short[0] == short[1] {
+        true => both.map(|value| value.to_string()),
+        false => short,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_became_worse_is_seen_to_differ() {
+        let difference = |after, outcome| Difference {
+            cell: String::new(),
+            before: 0.5454,
+            after,
+            uncertainty: 1e-9,
+            outcome,
+        };
+        assert_eq!(
+            shown(&difference(0.54539999, Outcome::Worse)),
+            ["0.5454", "0.54539999"]
+        );
+        assert_eq!(
+            shown(&difference(0.545_400_000_001, Outcome::Same)),
+            ["0.5454", "0.5454"]
+        );
+    }
 }

@@ -15,7 +15,7 @@ pub(crate) struct ExtremesArgs {
     #[arg(long, value_name = "DIR")]
     #[serde(skip_serializing_if = "Option::is_none")]
     out: Option<PathBuf>,
-    /// Points of the scored truth (default 1000000)
+    /// Points of the scored truth, at least 100 (default 1000000)
     #[arg(long, value_name = "N")]
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<u32>,

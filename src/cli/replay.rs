@@ -65,7 +65,18 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         }
     }
     let layers = [run.options.clone(), over];
-    let run_file = args.run.as_path();
+    let verdict = again(&run, layers.clone(), &args.run, global)?;
+    say_of_new_inputs(&run, &layers);
+    Ok(verdict)
+}
+
+/// Runs the command with its options.
+fn again(
+    run: &Run,
+    layers: [Table; 2],
+    run_file: &Path,
+    global: &Global,
+) -> anyhow::Result<Verdict> {
     match run.command.as_str() {
         "demo" => demo::execute(&options(layers, run_file)?, global),
         "augment" => augment::execute(&options(layers, run_file)?, global),
@@ -81,7 +92,27 @@ pub(crate) fn run(args: &ReplayArgs, global: &Global) -> anyhow::Result<Verdict>
         "score" => score::execute(&options(layers, run_file)?, global),
         "sweep" => sweep::execute(&options(layers, run_file)?, global),
         "fuse" => fuse::execute(&options(layers, run_file)?, global),
-        other => anyhow::bail!("{}: unknown command `{other}`", args.run.display()),
+        other => anyhow::bail!("{}: unknown command `{other}`", run_file.display()),
+    }
+}
+
+/// Says what was read that the first run did not read: files that lie in its folders since.
+fn say_of_new_inputs(run: &Run, layers: &[Table; 2]) {
+    let out = layers.iter().rev().find_map(|layer| layer.get("out"));
+    let out = Path::new(out.and_then(Value::as_str).unwrap_or_default());
+    let run_file = match out.is_dir() {
+        true => out.join("run.toml"),
+        false => out.with_extension("run.toml"),
+    };
+    let Ok(made) = Run::read(&run_file) else {
+        return;
+    };
+    for path in made.inputs.keys() {
+        if !run.inputs.contains_key(path) {
+            output::say(&format!(
+                "warning [input-changed]: {path} was not there, or was not read, in the first run"
+            ));
+        }
     }
 }
 

@@ -42,6 +42,19 @@ pub fn run(job: &CompareJob, context: &Context<'_>) -> Result<Comparison> {
         },
     };
     let comparison = compare::compare(&before, &after, &options)?;
+    if let Some([before, after]) = compare::other_method(&before, &after) {
+        let message = format!(
+            "{before} before is compared with {after} after: sets of one method each are paired whatever its name"
+        );
+        context.warnings.add("other-method", message);
+    }
+    if let Some(first) = comparison.passed_over.first() {
+        let message = format!(
+            "{} cells have distances but no F-score and are not compared, the first is {first}",
+            comparison.passed_over.len()
+        );
+        context.warnings.add("no-f-score", message);
+    }
     for cell in &comparison.mixed {
         context
             .warnings

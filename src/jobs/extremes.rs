@@ -64,6 +64,13 @@ pub struct ExtremesRow {
     pub bound: Option<f64>,
 }
 
+impl ExtremesOutcome {
+    fn of(rows: Vec<ExtremesRow>) -> Self {
+        let broken = rows.iter().filter(|row| !row.holds()).count();
+        Self { rows, broken }
+    }
+}
+
 impl ExtremesRow {
     /// Whether the error is within its bound.
     pub fn holds(&self) -> bool {
@@ -159,15 +166,18 @@ impl Rows<'_> {
     }
 }
 
+/// Points below which the bound of scores would allow nearly any.
+const FEWEST: u32 = 100;
+
 /// Measures everything and writes `extremes.csv`.
 ///
 /// # Errors
-/// Fewer than 2 points, no width, an output folder as [`OutDir::create`] refuses it, whatever writing brings, and
+/// Fewer than 100 points, no width, an output folder as [`OutDir::create`] refuses it, whatever writing brings, and
 /// interruption.
 pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> {
-    if job.points < 2 {
+    if job.points < FEWEST {
         let problem = format!(
-            "expected at least 2, as the reconstruction has half as many, found {}",
+            "expected at least {FEWEST}, as a score may change by two points of the half of them, found {}",
             job.points
         );
         return Err(Error::invalid("--points", problem));
@@ -189,8 +199,7 @@ pub fn run(job: &ExtremesJob, context: &Context<'_>) -> Result<ExtremesOutcome> 
         writer.flush()
     })?;
     out.finish()?;
-    let broken = rows.iter().filter(|row| !row.holds()).count();
-    Ok(ExtremesOutcome { rows, broken })
+    Ok(ExtremesOutcome::of(rows))
 }
 
 /// The rows of every stage.
@@ -218,4 +227,28 @@ pub fn measure(job: &ExtremesJob, context: &Context<'_>) -> Result<Vec<ExtremesR
         context.progress.advance(1);
     }
     Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_above_their_bounds_and_no_numbers_are_broken() {
+        let row = |error, bound| ExtremesRow {
+            stage: "score".into(),
+            axis: "offset".into(),
+            value: 1e6,
+            arithmetic: "ours".into(),
+            quantity: "change".into(),
+            error,
+            bound,
+        };
+        let broken = |error, bound| ExtremesOutcome::of(vec![row(error, bound)]).broken;
+        assert_eq!((broken(0.1, Some(0.1)), broken(9.0, None)), (0, 0));
+        assert_eq!(
+            (broken(0.11, Some(0.1)), broken(f64::NAN, Some(0.1))),
+            (1, 1)
+        );
+    }
 }

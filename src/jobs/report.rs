@@ -61,6 +61,7 @@ pub fn run(job: &ReportJob, context: &Context<'_>) -> Result<ReportOutcome> {
         context.warnings.add("not-comparable", sentence);
     }
     let folders = page::score_folders(&files)?;
+    page::warn_of_others(&folders, &records, context);
     let shown = page::files_of(&folders);
     let inputs = files.iter().chain(&job.pictures).chain(&shown);
     let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
@@ -106,19 +107,7 @@ pub(super) fn read_all(
     context: &Context<'_>,
 ) -> Result<(Vec<PathBuf>, Vec<Record>)> {
     let found = find_records(paths, out)?;
-    for (path, mark) in found
-        .iter()
-        .map(|path| (path, path.with_file_name(UNFINISHED)))
-    {
-        if mark.exists() {
-            let message = format!(
-                "{} lies beside a {UNFINISHED}: what made the folder was interrupted or still runs, and its \
-                 records and pictures may be those of different runs; run it again, or leave it out",
-                path.display()
-            );
-            context.warnings.add("unfinished", message);
-        }
-    }
+    warn_of_unfinished(&found, out, context);
     let mut records = Vec::new();
     let mut seen = BTreeSet::new();
     for path in &found {
@@ -136,23 +125,57 @@ pub(super) fn read_all(
     Ok((found, records))
 }
 
+/// How far above its records a batch of scores has its mark: `OUT/<scene>/<method>/scores.csv`.
+const LEVELS: usize = 3;
+
+/// Says which records lie in results that are not finished. A report at `out` that a `demo` makes of its own is no
+/// matter.
+fn warn_of_unfinished(found: &[PathBuf], out: Option<&Path>, context: &Context<'_>) {
+    let around = |path: &PathBuf| {
+        let real = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let folders = real.ancestors().skip(1).take(LEVELS);
+        folders.map(Path::to_path_buf).collect::<Vec<_>>()
+    };
+    let out = out.and_then(|out| out.ancestors().find_map(super::real_folder));
+    let is_own_demo = |folder: &Path| {
+        let made = Run::read(&folder.join(UNFINISHED));
+        let within = out.as_ref().is_some_and(|out| out.starts_with(folder));
+        within && made.is_ok_and(|run| run.command == "demo")
+    };
+    let folders: BTreeSet<PathBuf> = found.iter().flat_map(around).collect();
+    for folder in folders {
+        if folder.join(UNFINISHED).is_file() && !is_own_demo(&folder) {
+            let message = format!(
+                "{}: has a {UNFINISHED}: what makes the folder was interrupted or still runs; records of it may be \
+                 missing, and those there, and their pictures, be of different runs: run it again, or leave it out",
+                folder.display()
+            );
+            context.warnings.add("unfinished", message);
+        }
+    }
+}
+
 /// The error with the files named where it is of two different records of one cell.
 fn place_of(error: Error, files: &[PathBuf]) -> Error {
-    let mut cells: BTreeMap<String, (&PathBuf, Record)> = BTreeMap::new();
+    let mut cells: BTreeMap<String, Vec<(&PathBuf, Record)>> = BTreeMap::new();
     for path in files {
         let rows = files::read_with(path, |bytes| record::read(bytes));
         for row in rows.unwrap_or_default() {
-            let (other, same) = match cells.get(&leaderboard::cell(&row)) {
-                Some((other, before)) => (*other, format!("{before:?}") == format!("{row:?}")),
-                None => {
-                    cells.insert(leaderboard::cell(&row), (path, row));
-                    continue;
-                }
+            let before = cells.entry(leaderboard::place(&row)).or_default();
+            // A failure may not say its threshold: it is in the way of any.
+            let is_twin = |(_, other): &&(&PathBuf, Record)| {
+                let apart = other.threshold.zip(row.threshold);
+                apart.is_none_or(|(a, b)| a.total_cmp(&b).is_eq())
+                    && format!("{other:?}") != format!("{row:?}")
             };
-            if !same {
-                let (other, path) = (other.display(), path.display());
-                return Error::invalid(format!("{other} and {path}"), error.to_string());
+            if let Some((other, _)) = before.iter().find(is_twin) {
+                let files = match *other == path {
+                    true => path.display().to_string(),
+                    false => format!("{} and {}", other.display(), path.display()),
+                };
+                return Error::invalid(files, error.to_string());
             }
+            before.push((path, row));
         }
     }
     error

@@ -60,7 +60,7 @@ pub struct Checked {
 const F_SCORE: &str = "F-score";
 
 /// Columns that derive from ranks, not from the row.
-const RANKS: [&str; 2] = ["rank", "mean rank"];
+const RANKS: [&str; 5] = ["rank", "mean rank", "average rank", "avg rank", "avg. rank"];
 
 /// Rows of one method: metric → its values by column.
 type Metrics = BTreeMap<String, Vec<Cell>>;
@@ -90,7 +90,7 @@ impl Cell {
 /// Checks a table in the papers' or the site's form, as CSV: columns `method` and `metric` in any
 /// order, then one per scene and if present one whose name begins with `Average`, `Mean` or `Avg`.
 /// Columns before `method` tell
-/// tables apart that share a file; `rank` and `mean rank` and lines that begin with `#` are passed
+/// tables apart that share a file; columns of ranks and lines that begin with `#` are passed
 /// over. Empty cells and dashes are missing, a † after a number too is. A number keeps its scale, so
 /// that fractions and percents are checked alike. A table of which nothing can be recomputed is refused.
 ///
@@ -412,6 +412,15 @@ mod tests {
         let said: Vec<String> = wrong.iter().map(ToString::to_string).collect();
         let slip = "a (strict), F-score, mean: printed 50, its scenes average 70.0000";
         assert_eq!(said, [slip]);
+    }
+
+    #[test]
+    fn averages_of_ranks_are_no_averages_of_scenes() {
+        for rank in ["Average rank", "Avg. rank", "Mean Rank", "rank"] {
+            let table = format!("method,metric,A,B,Average,{rank}\nm,recall,0.5,0.6,0.55,1.5\n");
+            let checked = check(table.as_bytes()).unwrap();
+            assert_eq!((checked.slips.len(), checked.averages), (0, 1), "{rank}");
+        }
     }
 
     #[test]

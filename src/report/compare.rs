@@ -74,6 +74,8 @@ pub struct Comparison {
     pub lost: Vec<String>,
     /// Cells that have an F-score in the second set alone, or one that passed its gates there alone.
     pub gained: Vec<String>,
+    /// Cells that have distances but no F-score, and of which nothing is said.
+    pub passed_over: Vec<String>,
     /// Cells of both that rest on another truth, crop or sampling of meshes, and on which.
     pub mixed: Vec<String>,
 }
@@ -110,6 +112,10 @@ pub fn compare(
     let first = cells(before, naming)?;
     let second = cells(after, naming)?;
     let mut comparison = Comparison::default();
+    let passed_over = first.iter().chain(&second);
+    let passed_over = passed_over.filter(|(_, record)| is_of_distances(record));
+    let passed_over: BTreeSet<String> = passed_over.map(|(cell, _)| cell.name()).collect();
+    comparison.passed_over = passed_over.into_iter().collect();
     for (cell, old) in &first {
         let Some(before) = old.fscore else { continue };
         let new = second.get(cell).copied();
@@ -127,9 +133,7 @@ pub fn compare(
         if let Some(change) = basis::change(old, new) {
             comparison.mixed.push(format!("{}: {change}", cell.name()));
         }
-        let uncertainty = half_width(old)
-            .hypot(half_width(new))
-            .max(options.tolerance);
+        let uncertainty = libm::hypot(half_width(old), half_width(new)).max(options.tolerance);
         comparison
             .differences
             .push(difference(cell.name(), (before, after), uncertainty));
@@ -186,10 +190,32 @@ fn mixed(cells: &[String]) -> Error {
     Error::invalid("compare", problem)
 }
 
+/// Whether there are distances but no F-score.
+fn is_of_distances(record: &Record) -> bool {
+    let distances = [record.acc_mean, record.comp_mean, record.overall];
+    record.fscore.is_none() && distances.iter().any(Option::is_some)
+}
+
+/// The methods of two sets that hold one each, where these are not the same.
+pub fn other_method<'a>(before: &'a [Record], after: &'a [Record]) -> Option<[String; 2]> {
+    let [first, second] = [before, after].map(methods);
+    let is_apart = first.len() == 1 && second.len() == 1 && first != second;
+    let name = |set: BTreeSet<(&'a str, &'a str)>| {
+        let (method, group) = set.into_iter().next().unwrap_or_default();
+        match group {
+            "" => method.to_owned(),
+            group => format!("{method} ({group})"),
+        }
+    };
+    is_apart.then(|| [name(first), name(second)])
+}
+
 fn difference(cell: String, (before, after): (f64, f64), uncertainty: f64) -> Difference {
-    let outcome = if after > before + uncertainty {
+    // What .8 and .7 differ by is a little more than .1 in binary.
+    let uncertain = uncertainty + 4.0 * f64::EPSILON;
+    let outcome = if after - before > uncertain {
         Outcome::Better
-    } else if after < before - uncertainty {
+    } else if before - after > uncertain {
         Outcome::Worse
     } else {
         Outcome::Same

@@ -182,7 +182,7 @@ text { font: 13px system-ui, sans-serif; fill: var(--soft); font-variant-numeric
 .grid { stroke: var(--grid); stroke-width: 1; fill: none; }
 .tau { stroke: var(--soft); stroke-width: 1.25; stroke-dasharray: 4 4; }
 .line { fill: none; stroke-width: 2.25; stroke-linejoin: round; stroke-linecap: round; }
-.f { stroke: var(--f); } .p { stroke: var(--p); } .r { stroke: var(--r); }
+.f { stroke: var(--f); } .p { stroke: var(--p); } .r { stroke: var(--r); } .line.r { stroke-dasharray: 7 4; }
 .dot { stroke: var(--page); stroke-width: 1.5; }
 .dot.f { fill: var(--f); } .dot.p { fill: var(--p); } .dot.r { fill: var(--r); }
 text.f { fill: var(--f); font-weight: 600; stroke: none; } text.p { fill: var(--p); stroke: none; } text.r { fill: var(--r); stroke: none; }

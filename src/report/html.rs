@@ -197,7 +197,11 @@ fn push_tables(text: &mut String, tables: &[Table]) {
         format_args!("<h2>Leaderboards</h2>\n<div class=\"tables\">"),
     );
     for table in tables {
-        let class = if table.header.len() > 6 { "wide" } else { "" };
+        let class = match table.header.len() {
+            ..=6 => "",
+            7..=16 => "wide",
+            _ => "wide wider",
+        };
         push(text, format_args!("<section class=\"{class}\">"));
         push_table(text, table);
         push(text, format_args!("</section>"));
@@ -254,7 +258,11 @@ fn push_table(text: &mut String, table: &Table) {
                 (_, Emphasis::Second) => " class=\"second\"",
                 (_, Emphasis::Plain) => "",
             };
-            format!("<td{class}>{}</td>", escaped(label))
+            let label = escaped(label);
+            match column {
+                0 => format!("<th scope=\"row\"{class}>{label}</th>"),
+                _ => format!("<td{class}>{label}</td>"),
+            }
         });
         push(text, format_args!("<tr>{}</tr>", cells.collect::<String>()));
     }

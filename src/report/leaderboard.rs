@@ -306,9 +306,18 @@ fn duplicate(record: &Record) -> Error {
     Error::invalid("records", problem)
 }
 
-/// What a record is of, in words; records of equal words share a cell.
-pub fn cell(record: &Record) -> String {
-    let threshold = record.threshold.map(|t| t.to_string()).unwrap_or_default();
+/// What a record is of, in words.
+fn cell(record: &Record) -> String {
+    let threshold = record.threshold.map(|t| format!(" at threshold {t}"));
+    in_words(record, &threshold.unwrap_or_default())
+}
+
+/// What a record is of but for its threshold, in words.
+pub fn place(record: &Record) -> String {
+    in_words(record, "")
+}
+
+fn in_words(record: &Record, threshold: &str) -> String {
     let kind = [
         &record.protocol,
         &record.profile,
@@ -320,12 +329,8 @@ pub fn cell(record: &Record) -> String {
         .map(String::as_str)
         .filter(|word| !word.is_empty())
         .collect();
-    format!(
-        "{} on {} at threshold {threshold} ({})",
-        label(record),
-        record.scene,
-        kind.join(" ")
-    )
+    let (label, scene) = (label(record), &record.scene);
+    format!("{label} on {scene}{threshold} ({})", kind.join(" "))
 }
 
 impl Board {

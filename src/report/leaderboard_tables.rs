@@ -100,20 +100,25 @@ fn site_table(named: Named<'_>, metric: Metric) -> Table {
     }
 }
 
-/// Decimals of distances: four, or as many as leave the smallest two digits.
+/// Below this part of the largest distance one is as good as 0.
+const NOTHING: f64 = 1e-6;
+
+/// Decimals of distances: four, or as many as leave the smallest two digits that is not as good as 0.
 fn decimals_of(ranked: &[Ranked]) -> usize {
     let values = |row: &Ranked| {
         let of_scenes: Vec<Option<f64>> = row.values.iter().map(|value| value.shown).collect();
         of_scenes.into_iter().chain([row.mean])
     };
-    let all = ranked.iter().flat_map(values).flatten();
-    let smallest = all.filter(|&value| value > 0.0).fold(1.0, f64::min);
+    let all: Vec<f64> = ranked.iter().flat_map(values).flatten().collect();
+    let largest = all.iter().copied().fold(0.0, f64::max);
+    let counting = all.into_iter().filter(|&value| value > NOTHING * largest);
+    let smallest = counting.fold(1.0, f64::min);
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "between 1 and 324"
     )]
-    let wanted = (1.0 - smallest.log10().floor()) as usize;
+    let wanted = (1.0 - libm::log10(smallest).floor()) as usize;
     wanted.max(4)
 }
 
@@ -249,10 +254,10 @@ impl Board {
             };
             let (label, status) = (&entry.label, &record.status);
             if !has_values(record) {
-                let status = if status.is_empty() {
-                    "no status"
-                } else {
-                    status
+                let status = match status.as_str() {
+                    "" => "no status",
+                    _ if is_sound(record) => "no numbers",
+                    status => status,
                 };
                 notes.push(format!(
                     "{label} has no score for {scene} ({status}): no mean, no rank."

@@ -273,7 +273,9 @@ pub fn read(source: impl Read) -> Result<Vec<Record>, FormatError> {
         bytes,
         comment: None,
     };
-    let mut reader = csv::Reader::from_reader(bytes.as_slice());
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(bytes.as_slice());
     let found = reader.headers().map_err(lines.broken())?.clone();
     check_header(&found)?;
     let mut records = Vec::new();

@@ -2,6 +2,7 @@
 
 mod page;
 mod records;
+mod said;
 
 use mvs_eval::report::leaderboard::{Metric, boards, paper_tables, site_tables};
 use mvs_eval::report::record::Record;

@@ -9,6 +9,7 @@ use crate::report::cloud_picture;
 use crate::report::curve_svg::{self, Curves};
 use crate::report::histogram_svg;
 use crate::report::html::{self, ErrorCloud, PackedCloud, Page, Picture, Plot};
+use crate::report::record::Record;
 use crate::report::table::Table;
 use glam::DVec3;
 use mvs_datasets::format::{image, ply};
@@ -126,6 +127,33 @@ pub(super) fn files_of(folders: &[(&Path, ScoreDocument)]) -> Vec<PathBuf> {
             .collect::<Vec<_>>()
     };
     folders.iter().flat_map(of_folder).collect()
+}
+
+/// Says which score folders no record agrees with: the page would show one score in its tables and another one, or
+/// another name, on its curves.
+pub(super) fn warn_of_others(
+    folders: &[(&Path, ScoreDocument)],
+    records: &[Record],
+    context: &Context<'_>,
+) {
+    for (folder, document) in folders {
+        let (method, scene) = (document.method.trim(), document.scene.trim());
+        let is_of = |record: &&Record| {
+            let same = record
+                .fscore
+                .is_some_and(|f| (f - document.f_score).abs() < 1e-9);
+            same && record.method == method && record.scene == scene
+        };
+        if !records.iter().any(|record| is_of(&record)) {
+            let message = format!(
+                "{}: has F {:.4} for {method} on {scene}, and no record says so: the tables show the records, the \
+                 curves this file; was one of them changed by hand?",
+                folder.join(DOCUMENT).display(),
+                document.f_score
+            );
+            context.warnings.add("other-score", message);
+        }
+    }
 }
 
 fn read_document(folder: &Path) -> Result<ScoreDocument> {

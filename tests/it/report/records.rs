@@ -51,15 +51,19 @@ fn records_of_an_unfinished_result_are_warned_of() {
         ])
     };
     assert!(!stderr(&report()).contains("[unfinished]"));
-    write_atomically(&at("in/a/run.partial.toml"), |out| out.write_all(b"")).unwrap();
-    let compared = mvs_eval(&["compare", arg(&at("in")), arg(&at("in/a/scores.csv"))]);
-    for output in [report(), compared] {
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(0), "{said}");
-        assert!(
-            said.contains("[unfinished]") && said.contains("in/a/scores.csv lies"),
-            "{said}"
-        );
+    // A batch has its mark two folders above its records.
+    for mark in ["in/a/run.partial.toml", "run.partial.toml"] {
+        let mark = at(mark);
+        write_atomically(&mark, |out| out.write_all(b"")).unwrap();
+        let compared = mvs_eval(&["compare", arg(&at("in")), arg(&at("in/a/scores.csv"))]);
+        let marked = mark.parent().unwrap().canonicalize().unwrap();
+        for output in [report(), compared] {
+            let said = stderr(&output);
+            assert_eq!(output.status.code(), Some(0), "{said}");
+            let expected = format!("[unfinished]: {}: has a run.partial.toml", marked.display());
+            assert!(said.contains(&expected), "{said}");
+        }
+        std::fs::remove_file(&mark).unwrap();
     }
 }
 
