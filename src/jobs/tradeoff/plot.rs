@@ -124,7 +124,8 @@ fn frame(text: &mut String, (stage, measure): (&str, &str), axes: &Axes) {
     let (bottom, top) = (PANEL.1 - MARGIN.1, MARGIN.1);
     let up = match stage {
         "fuse" => format!("1 − {measure}"),
-        _ => format!("error of {measure}"),
+        "score" => format!("|Δ{measure}| with its ±"),
+        _ => measure.to_owned(),
     };
     let _ = writeln!(
         text,
@@ -134,7 +135,10 @@ fn frame(text: &mut String, (stage, measure): (&str, &str), axes: &Axes) {
         PANEL.1 - 10.0,
     );
     let many = axes.slowest > 10.0 * axes.fastest;
-    let factors: &[f64] = if many { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let factors: &[f64] = match many {
+        true => &[1.0, 3.0],
+        false => &[1.0, 1.5, 2.0, 3.0, 5.0, 7.0],
+    };
     for time in ticks((0.8 * axes.fastest, 1.25 * axes.slowest), factors) {
         let _ = writeln!(
             text,
@@ -146,7 +150,7 @@ fn frame(text: &mut String, (stage, measure): (&str, &str), axes: &Axes) {
     }
     let floor = axes.largest / 1000.0;
     let errors = match axes.largest > 0.0 {
-        true => ticks((1.05 * floor, axes.largest), &[1.0]),
+        true => ticks((2.0 * floor, axes.largest), &[1.0]),
         false => Vec::new(),
     };
     for error in errors {
@@ -237,7 +241,7 @@ impl Area {
             bottom: middle + HEIGHT / 2.0,
         });
         let inside = |area: &Self| {
-            area.left > 4.0
+            area.left > MARGIN.0 + 2.0
                 && area.right < PANEL.0 - 4.0
                 && area.top > 30.0
                 && area.bottom < PANEL.1 - 26.0
