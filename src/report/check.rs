@@ -116,10 +116,14 @@ pub fn check(source: impl Read) -> Result<Checked, FormatError> {
     };
     let (method, metric) = (place("method")?, place("metric")?);
     let first = method.max(metric) + 1;
-    let is_value = |&column: &usize| {
-        let mut ranks = RANKS.iter();
-        !ranks.any(|rank| header[column].eq_ignore_ascii_case(rank))
-    };
+    let is_rank = |name: &str| RANKS.iter().any(|rank| name.eq_ignore_ascii_case(rank));
+    let is_early = |name: &&str| is_average(name) && !is_rank(name);
+    if let Some(early) = header.iter().take(first).find(is_early) {
+        let problem =
+            format!("expected averages behind method and metric, found {early} before them");
+        return Err(FormatError::new("header", problem));
+    }
+    let is_value = |&column: &usize| !is_rank(&header[column]);
     let values: Vec<usize> = (first..header.len()).filter(is_value).collect();
     let columns: Vec<&str> = values.iter().map(|&column| &header[column]).collect();
     let mut boards: Vec<Board> = Vec::new();
@@ -412,6 +416,13 @@ mod tests {
         let said: Vec<String> = wrong.iter().map(ToString::to_string).collect();
         let slip = "a (strict), F-score, mean: printed 50, its scenes average 70.0000";
         assert_eq!(said, [slip]);
+    }
+
+    #[test]
+    fn an_average_before_the_method_is_not_passed_over() {
+        let table = "Average,method,metric,A,B\n0.9,m,recall,0.5,0.6\n";
+        let said = check(table.as_bytes()).unwrap_err().to_string();
+        assert!(said.contains("found Average before them"), "{said}");
     }
 
     #[test]

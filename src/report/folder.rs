@@ -268,7 +268,7 @@ impl TableOf {
             self.digits.get(column),
             self.scientific.get(column),
         ) {
-            (Ok(value), Some(&digits), _) => format!("{value:.digits$}"),
+            (Ok(value), Some(&digits), _) => unsigned_zero(format!("{value:.digits$}")),
             (Ok(value), None, Some(&digits)) => format!("{value:.digits$e}"),
             _ => escaped(text),
         }
@@ -311,9 +311,18 @@ fn push_row(text: &mut String, cells: impl Iterator<Item = String>) {
     push(text, format_args!("| {} |", cells.join(" | ")));
 }
 
-/// Text for a cell: Markdown stays as it is, but nothing may end the cell.
+/// Text for a cell: Markdown stays as it is, but nothing may end the cell or be taken for HTML.
 fn escaped(text: &str) -> String {
-    text.trim().replace('|', "\\|").replace(['\n', '\r'], " ")
+    let text = text.trim().replace('<', "&lt;").replace('|', "\\|");
+    text.replace(['\n', '\r'], " ")
+}
+
+/// What is rounded to 0 has no sign.
+fn unsigned_zero(text: String) -> String {
+    match text.trim_start_matches(['-', '0', '.']) {
+        "" => text.trim_start_matches('-').to_owned(),
+        _ => text,
+    }
 }
 
 fn is_date(text: &str) -> bool {
@@ -346,14 +355,15 @@ scientific = { error = 1 }
 "#;
 
     fn csv() -> Csv {
-        Csv::parse(b"tool,hidden,cpu_s,error\na|b,1,0.126,1.26e-7\nc,2,,0\n").unwrap()
+        Csv::parse(b"tool,hidden,cpu_s,error\na|b,1,0.126,1.26e-7\nc,2,,0\n<d>,3,-0.001,1\n")
+            .unwrap()
     }
 
     #[test]
     fn only_what_is_shown_is_rounded() {
         let text = Folder::parse(RECORD).unwrap().readme(&[csv()]).unwrap();
         let table = "Medians. ([x.csv](x.csv))\n\n| tool | CPU, s | error |\n| :-- | --: | --: |\n\
-                     | a\\|b | 0.13 | 1.3e-7 |\n| c | – | 0.0e0 |\n\n## Bias\n";
+                     | a\\|b | 0.13 | 1.3e-7 |\n| c | – | 0.0e0 |\n| &lt;d> | 0.00 | 1.0e0 |\n\n## Bias\n";
         assert!(text.contains(table), "{text}");
         assert!(text.starts_with("# Something measured\n\n<!-- Made by"));
         assert!(text.ends_with("- Versions: rust 1.95\n\n```\npython benches/x.py\n```\n"));
