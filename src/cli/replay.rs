@@ -6,6 +6,7 @@ use super::{
 use clap::Args;
 use mvs_eval::Error;
 use mvs_eval::config;
+use mvs_eval::jobs::run_file_beside;
 use mvs_eval::provenance::{REVISION, Run, VERSION};
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
@@ -102,7 +103,7 @@ fn say_of_new_inputs(run: &Run, layers: &[Table; 2]) {
     let out = Path::new(out.and_then(Value::as_str).unwrap_or_default());
     let run_file = match out.is_dir() {
         true => out.join("run.toml"),
-        false => out.with_extension("run.toml"),
+        false => run_file_beside(out),
     };
     let Ok(made) = Run::read(&run_file) else {
         return;

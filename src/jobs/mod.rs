@@ -74,7 +74,11 @@ impl Context<'_> {
             own.as_deref() == Some(folder) || (is_around && has_parts(folder))
         };
         let places = inputs.iter().flat_map(|path| path.ancestors().take(2));
-        let folders: BTreeSet<PathBuf> = places.filter_map(real_folder).collect();
+        self.warn_of_marks(places.filter_map(real_folder).collect(), is_own);
+    }
+
+    /// Says which of the folders have the mark of a result that is not finished, but for a command's own.
+    fn warn_of_marks(&self, folders: BTreeSet<PathBuf>, is_own: impl Fn(&Path) -> bool) {
         let unfinished = folders
             .iter()
             .filter(|folder| folder.join(UNFINISHED).is_file());

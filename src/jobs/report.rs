@@ -142,17 +142,7 @@ fn warn_of_unfinished(found: &[PathBuf], out: Option<&Path>, context: &Context<'
         let within = out.as_ref().is_some_and(|out| out.starts_with(folder));
         within && made.is_ok_and(|run| run.command == "demo")
     };
-    let folders: BTreeSet<PathBuf> = found.iter().flat_map(around).collect();
-    for folder in folders {
-        if folder.join(UNFINISHED).is_file() && !is_own_demo(&folder) {
-            let message = format!(
-                "{}: has a {UNFINISHED}: what makes the folder was interrupted or still runs; records of it may be \
-                 missing, and those there, and their pictures, be of different runs: run it again, or leave it out",
-                folder.display()
-            );
-            context.warnings.add("unfinished", message);
-        }
-    }
+    context.warn_of_marks(found.iter().flat_map(around).collect(), is_own_demo);
 }
 
 /// The error with the files named where it is of two different records of one cell.

@@ -1,7 +1,7 @@
 //! Two sets of records side by side: what became better, what worse, beyond the stated uncertainty.
 
 use super::basis;
-use super::leaderboard::is_sound;
+use super::leaderboard::{is_sound, label};
 use super::record::Record;
 use crate::error::{Error, Result};
 use serde::Serialize;
@@ -197,17 +197,10 @@ fn is_of_distances(record: &Record) -> bool {
 }
 
 /// The methods of two sets that hold one each, where these are not the same.
-pub fn other_method<'a>(before: &'a [Record], after: &'a [Record]) -> Option<[String; 2]> {
+pub fn other_method(before: &[Record], after: &[Record]) -> Option<[String; 2]> {
     let [first, second] = [before, after].map(methods);
     let is_apart = first.len() == 1 && second.len() == 1 && first != second;
-    let name = |set: BTreeSet<(&'a str, &'a str)>| {
-        let (method, group) = set.into_iter().next().unwrap_or_default();
-        match group {
-            "" => method.to_owned(),
-            group => format!("{method} ({group})"),
-        }
-    };
-    is_apart.then(|| [name(first), name(second)])
+    is_apart.then(|| [before, after].map(|records| label(&records[0])))
 }
 
 fn difference(cell: String, (before, after): (f64, f64), uncertainty: f64) -> Difference {

@@ -221,7 +221,8 @@ fn common(record: &Record) -> Common {
     }
 }
 
-fn label(record: &Record) -> String {
+/// What a method is called: its name, with its group in brackets where it has one.
+pub(super) fn label(record: &Record) -> String {
     if record.group.is_empty() {
         return record.method.clone();
     }

@@ -2,9 +2,9 @@
 
 use super::evaluation::{Judged, Side};
 use super::points::{FinitePoints, Moved};
-use super::tnt::Profile;
+use super::tnt::{Profile, scale_of};
 use crate::error::Result;
-use glam::{DMat3, DMat4};
+use glam::DMat4;
 use mvs_metrics::Tolerance;
 use mvs_metrics::align::{Icp, IcpOptions, Scale, icp_onto};
 use mvs_metrics::crop::Prism;
@@ -219,7 +219,7 @@ fn run_stage<C: Coordinate>(
         inlier_rmse: found.inlier_rmse,
         iterations: found.iterations,
         converged: found.converged,
-        scale: libm::cbrt(DMat3::from_mat4(found.target_from_source).determinant()),
+        scale: scale_of(found.target_from_source),
         truth_from_reconstruction: found.target_from_source * so_far,
     }
 }

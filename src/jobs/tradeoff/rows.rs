@@ -218,11 +218,14 @@ pub(super) mod tests {
         }
     }
 
-    pub(in super::super) fn some() -> Vec<Row> {
-        let drawn = |setting, seconds, value, width| Measured {
+    fn drawn(setting: &str, seconds: f64, value: f64, width: f64) -> Measured {
+        Measured {
             half_width: Some(width),
             ..one("queries", setting, seconds, value)
-        };
+        }
+    }
+
+    pub(in super::super) fn some() -> Vec<Row> {
         let measured = vec![
             one("exact", "all", 2.0, 0.9),
             drawn("1/2", 1.0, 0.9007, 0.0004),
@@ -247,10 +250,6 @@ pub(super) mod tests {
     /// A draw that happens to come near the exact value is only as near as its interval says.
     #[test]
     fn luck_is_not_on_the_front() {
-        let drawn = |setting, seconds, value, width| Measured {
-            half_width: Some(width),
-            ..one("queries", setting, seconds, value)
-        };
         let measured = vec![
             one("exact", "all", 2.0, 0.9),
             drawn("1/2", 1.0, 0.9002, 0.0003),

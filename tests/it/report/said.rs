@@ -155,3 +155,34 @@ fn what_a_replay_reads_beside_is_named() {
         "{said}"
     );
 }
+
+/// The page would show another name, or another score, in its tables than on its curves.
+#[test]
+fn records_that_are_not_those_of_their_score_folder_are_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (cloud, score) = (at("cloud.ply"), at("score"));
+    let header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
+                  property float z\nend_header\n";
+    write(&cloud, format!("{header}0 0 0\n1 0 0\n"));
+    let clouds = ["--truth", arg(&cloud), "--reconstruction", arg(&cloud)];
+    let rest = ["--tau", "0.1", "--method", "good", "--out", arg(&score)];
+    let scored = mvs_eval(&[&["score"][..], &clouds, &rest].concat());
+    assert_eq!(scored.status.code(), Some(0), "{}", stderr(&scored));
+    let reported = |out: &str| {
+        let output = mvs_eval(&["report", arg(&score), "--out", arg(&at(out))]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        stderr(&output)
+    };
+    let said = reported("whole");
+    assert!(!said.contains("[other-score]"), "{said}");
+    let records = score.join("scores.csv");
+    let text = std::fs::read_to_string(&records).unwrap();
+    assert_ne!(text, text.replace("good", "renamed"));
+    write(&records, text.replace("good", "renamed"));
+    let said = reported("renamed");
+    assert!(
+        said.contains("[other-score]") && said.contains("F 1.0000 for good"),
+        "{said}"
+    );
+}
